@@ -1,0 +1,42 @@
+"""The hidden truth: a simulator that shares no code with the package, for tests that must not know the answer."""
+
+from .cases import draw_effect_case, draw_effects_case, draw_move_case
+from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
+from .faults import NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
+from .profiles import Move, Profile, campaign, contact_campaign, rich_campaign, single_move, there_and_back
+from .rig import TABLE_1, Rig, draw_rest_integral, draw_rig
+from .sensors import Logger
+from .truth import TruthSpec, make_log, true_motion, without_noise, write_log
+
+__all__ = [
+    "ALL",
+    "CAUSES",
+    "NO_FAULT",
+    "OUTSIDE",
+    "SENSOR_SIZES",
+    "TABLE_1",
+    "UNKNOWN_SIZES",
+    "Effect",
+    "Fault",
+    "Logger",
+    "Move",
+    "Profile",
+    "Rig",
+    "TruthSpec",
+    "campaign",
+    "contact_campaign",
+    "draw_effect_case",
+    "draw_effects_case",
+    "draw_move_case",
+    "draw_rest_integral",
+    "draw_rig",
+    "effect",
+    "make_log",
+    "rich_campaign",
+    "single_move",
+    "sized_effect",
+    "there_and_back",
+    "true_motion",
+    "without_noise",
+    "write_log",
+]

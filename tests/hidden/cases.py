@@ -1,0 +1,75 @@
+"""Draws for Monte Carlo studies: moves with a fault, and campaigns with a hidden effect. A seed repeats its case."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .effects import ALL, sized_effect
+from .faults import CHANNELS, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
+from .profiles import Profile, contact_campaign, rich_campaign, single_move
+from .rig import draw_rest_integral, draw_rig
+from .truth import TruthSpec
+
+TRANSIENT_S = 0.25  # the start transient of section 3 of the paper
+LEFT_TO_MOVE_S = 1.0  # a fault needs some of the move to show itself
+TRANSIENT_SHARE = 0.3
+
+
+def draw_move_case(seed: int, label: str) -> TruthSpec:
+    """One move with a fault of class `label`, or none: 205 to 410 rad/s either way, pitch -12 to 12 deg, 3.3 to 5.8 s.
+
+    Pitch sways by up to 0.4 deg. Three faults in ten begin within 250 ms of the start, the others in steady state.
+    """
+    rng = np.random.default_rng([seed, 1])
+    rig = draw_rig(rng)
+    pitch = rng.uniform(-12.0, 12.0)
+    profile = single_move(
+        speed=rng.choice([-1.0, 1.0]) * rng.uniform(205.0, 410.0),
+        hold_s=rng.uniform(2.5, 5.0),
+        pitch_deg=pitch,
+        pitch_wave_deg=rng.uniform(0.0, 0.4),
+        pitch_wave_phase=rng.uniform(0.0, 2 * np.pi),
+    )
+    fault = _draw_fault(rng, label, profile)
+    return TruthSpec(profile, rig, fault, start_integral_rad=draw_rest_integral(rng, rig, pitch))
+
+
+def draw_effect_case(seed: int, cause: str | None, size_factor: float) -> TruthSpec:
+    """A campaign that hides `cause` at `size_factor` times its small size, or a control without any (cause None).
+
+    Rig with the paper's spread and 2 % on J, Kp, Ki, Rs, Vmax; drawn sign and phase of the effect. Contact effects
+    get the campaign that leans on both stops, the others the eighteen moves with three pitches and three speeds.
+    """
+    return draw_effects_case(seed, () if cause is None else (cause,), size_factor)
+
+
+def draw_effects_case(seed: int, causes: tuple[str, ...], size_factor: float) -> TruthSpec:
+    """As draw_effect_case, with several effects at once."""
+    rng = np.random.default_rng([seed, 2])
+    rig = draw_rig(rng, identification_percent=2.0)
+    start_integral = draw_rest_integral(rng, rig, 0.0)
+    profile = rich_campaign()
+    if any("contact" in ALL[cause].equations for cause in causes):
+        profile = contact_campaign()
+        low, high = rng.uniform(-7e-4, -4e-4), rng.uniform(4e-4, 7e-4)
+        rig = replace(rig, stop_low_m=low, stop_high_m=high)
+    effects = tuple(sized_effect(cause, size_factor, rng) for cause in causes)
+    return TruthSpec(profile, rig, effects=effects, start_integral_rad=start_integral)
+
+
+def _draw_fault(rng: np.random.Generator, label: str, profile: Profile) -> Fault:
+    move = profile.moves[0]
+    early = rng.random() < TRANSIENT_SHARE
+    window = (0.0, TRANSIENT_S) if early else (TRANSIENT_S + 0.05, move.hold_s - LEFT_TO_MOVE_S)
+    onset = move.start_s + rng.uniform(*window)
+    if label == "nominal":
+        return NO_FAULT
+    if label == "sensor_fault":
+        kind, channel = str(rng.choice(list(SENSOR_SIZES))), str(rng.choice(CHANNELS))
+        size = SENSOR_SIZES[kind][channel]
+        if kind in ("bias", "drift") and rng.random() < 0.5:
+            size = -size
+        return Fault(label, onset, kind, channel, size)
+    if label == "unknown":
+        return Fault(label, onset, str(rng.choice(list(UNKNOWN_SIZES))))
+    return Fault(label, onset)

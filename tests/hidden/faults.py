@@ -1,0 +1,128 @@
+"""Faults: an overload, a coupling loss, sensor faults, and faults that belong to no named class."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .plant import Plant
+from .rig import Rig
+
+LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
+CHANNELS = ("voltage", "current", "position")
+
+# Default size of each sensor fault: V, A, m for a bias; the same per second for a drift; a factor for the rest.
+SENSOR_SIZES = {
+    "frozen": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # dead constant, as a hung converter gives
+    "frozen_noisy": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # constant under the usual noise
+    "bias": {"voltage": 1.0, "current": 0.02, "position": 3e-4},
+    "drift": {"voltage": 0.5, "current": 0.01, "position": 2e-4},
+    "gain": {"voltage": 1.15, "current": 1.5, "position": 1.3},
+    "dropout": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # zero under the usual noise
+    "noise_burst": {"voltage": 20.0, "current": 20.0, "position": 20.0},
+}
+
+# Default size of each fault outside the named classes, and what it means.
+UNKNOWN_SIZES = {
+    "friction_jump": 2.0,  # A becomes this many times A
+    "half_slip": 0.5,  # the nut slips: x rate becomes this many times D w, torque unchanged
+    "resistance_jump": 1.5,  # Rm becomes this many times Rm
+    "supply_collapse": 0.5,  # Vmax becomes this many times Vmax
+    "periodic_torque": 2e-4,  # amplitude [N m] of a sudden 3 Hz torque
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault. label: of LABELS; onset_s on the log's clock.
+
+    kind: for "sensor_fault" a key of SENSOR_SIZES, with channel of CHANNELS; for "unknown" a key of UNKNOWN_SIZES.
+    size: as in those tables, None = theirs. duration_s: of a sensor fault; the others stay.
+    """
+
+    label: str = "nominal"
+    onset_s: float | None = None
+    kind: str = ""
+    channel: str | None = None
+    size: float | None = None
+    duration_s: float = np.inf
+
+    def __post_init__(self):
+        kinds = {"sensor_fault": tuple(SENSOR_SIZES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
+        if self.label not in LABELS or self.kind not in kinds:
+            raise ValueError(f"{self.label!r} of kind {self.kind!r}: labels are {LABELS}, kinds {kinds}")
+        if (self.label == "nominal") != (self.onset_s is None):
+            raise ValueError("a fault needs an onset, and no fault has none")
+        if (self.label == "sensor_fault") != (self.channel in CHANNELS):
+            raise ValueError(
+                f"channel {self.channel!r}: a sensor fault has one of {CHANNELS}, others have none"
+            )
+
+    @property
+    def magnitude(self) -> float:
+        if self.size is not None:
+            return self.size
+        if self.label == "sensor_fault":
+            return SENSOR_SIZES[self.kind][self.channel]
+        return UNKNOWN_SIZES.get(self.kind, 0.0)
+
+
+NO_FAULT = Fault()
+
+
+def faulty_plant(plant: Plant, rig: Rig, fault: Fault, direction: float) -> Plant:
+    """The plant from the onset on. direction: sign of the command at onset, the side at which an obstacle stands."""
+    if fault.label == "overload":
+        return plant._replace(stop_here=direction)
+    if fault.label == "coupling_loss":
+        return _decoupled(plant, rig)
+    if fault.label == "unknown":
+        return _unknown(plant, fault)
+    return plant
+
+
+def _decoupled(plant: Plant, rig: Rig) -> Plant:
+    """Eq. 12-13: A', J', x frozen. What the mass felt (pitch, stops, its place on the rails) is gone."""
+    return plant._replace(
+        A=rig.A_loose,
+        J=rig.J_loose,
+        D=0.0,
+        B=0.0,
+        C=0.0,
+        contact_damping=0.0,
+        friction_gradient=0.0,
+        gravity_cubic=0.0,
+        gravity_cosine=0.0,
+        bump_peak=0.0,
+        pitch_speed=0.0,
+    )
+
+
+def _unknown(plant: Plant, fault: Fault) -> Plant:
+    size = fault.magnitude
+    changes = {
+        "friction_jump": {"A": plant.A * size},
+        "half_slip": {"D": plant.D * size},
+        "resistance_jump": {"Rm": plant.Rm * size},
+        "supply_collapse": {"Vmax": plant.Vmax * size},
+        "periodic_torque": {"shake_amplitude": size, "shake_start": fault.onset_s},
+    }
+    return plant._replace(**changes[fault.kind])
+
+
+def spoil_channel(fault: Fault, channel: str, times, clean, noise, clean_at_onset: float):
+    """What the logger sees of one channel: `clean + noise`, or what the fault makes of them."""
+    seen = clean + noise
+    if fault.label != "sensor_fault" or fault.channel != channel:
+        return seen
+    since = times - fault.onset_s
+    size = fault.magnitude
+    faulty = {
+        "frozen": np.full_like(seen, clean_at_onset),
+        "frozen_noisy": clean_at_onset + noise,
+        "bias": seen + size,
+        "drift": seen + size * since,
+        "gain": clean * size + noise,
+        "dropout": noise,
+        "noise_burst": clean + noise * size,
+    }[fault.kind]
+    return np.where((since >= 0.0) & (since < fault.duration_s), faulty, seen)

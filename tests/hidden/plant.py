@@ -1,0 +1,274 @@
+"""The mass-shifter in fine time steps: DC motor, sampled PI servo, stick-slip, rails with a stop at either end.
+
+All compiled code lives in this one file, because numba's cache does not see changes in other files.
+Sign convention: applied torque = load + friction * direction; positive pitch and the upper stop oppose +x.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+CONTACT_REFERENCE_M = 1e-3  # the indentation at which every contact exponent gives the torque of C d^2
+
+
+class Plant(NamedTuple):
+    """Every number of the physics, SI units with pitch in degrees. Beyond Rig's letters the defaults are neutral."""
+
+    Rm: float
+    Rs: float
+    Km: float
+    D: float
+    Vmax: float
+    J: float
+    A: float
+    B: float
+    C: float
+    E: float
+    stop_low: float
+    stop_high: float
+    static_ratio: float = 1.0  # break-away friction over sliding friction
+    # torque
+    viscous_plus: float = 0.0
+    viscous_minus: float = 0.0
+    stribeck_rise: float = 0.0
+    stribeck_speed: float = 50.0
+    asymmetry: float = 0.0
+    load_ratio: float = 0.0
+    friction_gradient: float = 0.0
+    shaft_amplitude: float = 0.0
+    shaft_order: float = 1.0
+    shaft_phase: float = 0.0
+    screw_amplitude: float = 0.0
+    screw_phase: float = 0.0
+    screw_ratio: float = 0.0
+    gravity_cubic: float = 0.0
+    gravity_cosine: float = 0.0
+    torque_offset: float = 0.0
+    # electrical
+    heating: float = 0.0
+    cooling_time: float = 30.0
+    brush_drop: float = 0.0
+    brush_knee: float = 3e-3
+    sag_ohm: float = 0.0
+    sag_time: float = 0.1
+    supply_drift: float = 0.0
+    # kinematics and contact
+    play: float = 0.0
+    play_start: float = 1.0
+    slip_per_torque: float = 0.0
+    contact_exponent: float = 2.0
+    contact_damping: float = 0.0
+    # outside the vocabulary of causes
+    warmup: float = 0.0
+    warmup_time: float = 5.0
+    power_torque: float = 0.0
+    bump_peak: float = 0.0
+    bump_position: float = 0.0
+    bump_width: float = 1e-4
+    km_saturation: float = 0.0
+    pitch_speed: float = 0.0
+    wave_amplitude: float = 0.0
+    wave_hz: float = 0.7
+    wave_phase: float = 0.0
+    # faults
+    shake_amplitude: float = 0.0
+    shake_hz: float = 3.0
+    shake_start: float = 0.0
+    stop_here: float = 0.0  # +1 or -1: when this plant takes over, that stop is where the mass is
+
+
+class Servo(NamedTuple):
+    """The sampled PI controller. encoder_step: quantum of the motor angle [rad], 0 = exact speed."""
+
+    Kp: float
+    Ki: float
+    current_lag: float = 0.0  # s
+    integral_limit: float = np.inf  # rad
+    encoder_step: float = 0.0
+    speed_filter: float = 2e-3  # s, on the encoder's speed in the proportional path only
+
+
+class Motion(NamedTuple):
+    """What the rig truly did, one row per record. SI units."""
+
+    time: np.ndarray
+    source_voltage: np.ndarray
+    current: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    angle: np.ndarray
+    integral: np.ndarray
+    applied_torque: np.ndarray
+
+
+@njit(cache=True)
+def contact_torque(p, stop_low, stop_high, x, w):
+    """Eq. 11 at both stops [N m], opposing +x at the upper one. A stop pushes and never pulls."""
+    depth, side = x - stop_high, 1.0
+    if depth <= 0.0:
+        depth, side = stop_low - x, -1.0
+    if depth <= 0.0:
+        return 0.0
+    spring = p.C * CONTACT_REFERENCE_M**2 * (depth / CONTACT_REFERENCE_M) ** p.contact_exponent
+    return side * max(0.0, spring + side * p.contact_damping * p.D * (1.0 - p.E) * w)
+
+
+@njit(cache=True)
+def load_torque(p, t, x, w, angle, pitch, contact):
+    """Applied torque that does not depend on the direction of motion [N m]."""
+    load = p.B * pitch + p.gravity_cubic * pitch**3 + p.torque_offset + contact
+    if p.shaft_amplitude != 0.0:
+        load += p.shaft_amplitude * np.sin(p.shaft_order * angle + p.shaft_phase)
+    if p.screw_amplitude != 0.0:
+        load += p.screw_amplitude * np.sin(p.screw_ratio * angle + p.screw_phase)
+    if p.bump_peak != 0.0:
+        load += p.bump_peak * np.exp(-(((x - p.bump_position) / p.bump_width) ** 2))
+    if p.wave_amplitude != 0.0:
+        load += p.wave_amplitude * np.sin(2.0 * np.pi * p.wave_hz * t + p.wave_phase)
+    if p.shake_amplitude != 0.0:
+        load += p.shake_amplitude * np.sin(2.0 * np.pi * p.shake_hz * (t - p.shake_start))
+    return load
+
+
+@njit(cache=True)
+def friction_torque(p, t, x, w, direction, pitch, contact, power):
+    """Magnitude of the torque that opposes motion in `direction` [N m], never negative."""
+    friction = p.A * (1.0 + p.asymmetry * direction) + p.friction_gradient * x
+    friction += (p.viscous_plus if direction > 0.0 else p.viscous_minus) * abs(w)
+    if p.stribeck_rise != 0.0:
+        friction += p.stribeck_rise * np.exp(-((w / p.stribeck_speed) ** 2))
+    if p.load_ratio != 0.0:
+        friction += p.load_ratio * abs(p.B * pitch + contact)
+    if p.gravity_cosine != 0.0:
+        friction += p.A * p.gravity_cosine * (np.cos(np.radians(pitch)) - 1.0)
+    if p.warmup != 0.0:
+        friction += p.A * p.warmup * np.exp(-t / p.warmup_time)
+    friction += p.pitch_speed * (pitch * w) ** 2 + p.power_torque * abs(power)
+    return max(0.0, friction)
+
+
+@njit(cache=True)
+def source_voltage(p, i, w, heat):
+    """Eq. 2 with brush drop, a warm winding and a saturating torque constant [V]."""
+    V = (p.Rm * (1.0 + p.heating * heat) + p.Rs) * i + p.Km * (1.0 - p.km_saturation * abs(i)) * w
+    if p.brush_drop != 0.0:
+        V += p.brush_drop * np.tanh(i / p.brush_knee)
+    return V
+
+
+@njit(cache=True)
+def motor_current(p, wanted, w, heat, limit):
+    """Current and source voltage (i [A], Vs [V]): the wanted current, or what the supply `limit` [V] allows, Eq. 6."""
+    V = source_voltage(p, wanted, w, heat)
+    if abs(V) <= limit:
+        return wanted, V
+    V = limit if V > 0.0 else -limit
+    if p.brush_drop == 0.0 and p.km_saturation == 0.0:
+        return (V - p.Km * w) / (p.Rm * (1.0 + p.heating * heat) + p.Rs), V
+    low, high = -5.0, 5.0  # A; Vs rises with i, so bisect
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if source_voltage(p, middle, w, heat) < V:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high), V
+
+
+@njit(cache=True)
+def run(before, after, switch_step, servo, command, pitch, step_s, steps_per_tick, record_every, state):
+    """Integrate and record. `state` = (x, I, motor angle) at rest; returns
+    one row per record, columns as Motion, and where the lower and the upper stop are at the end [m].
+
+    command: rad/s per servo tick; pitch: deg per step. `after` replaces `before` at `switch_step` (< 0: never).
+    The servo ticks half a tick after time zero, so that on average its hold neither leads nor lags the logger.
+    RK2 between events; a zero crossing of the speed ends in a true stuck state for the rest of the step.
+    """
+    steps, h = pitch.size, step_s
+    out = np.empty(((steps + record_every - 1) // record_every, 8))
+    p = before
+    x, integral, angle = state
+    w, wanted = 0.0, servo.Ki * integral
+    commanded_current = wanted
+    gap = p.play * p.play_start
+    stop_low, stop_high = p.stop_low, p.stop_high
+    heat, sag, power, speed_seen = 0.0, 0.0, 0.0, 0.0
+    tick_s = steps_per_tick * h
+    seen_angle = (
+        np.floor(angle / servo.encoder_step) * servo.encoder_step if servo.encoder_step > 0.0 else 0.0
+    )
+    lag_gain = 1.0 - np.exp(-h / servo.current_lag) if servo.current_lag > 0.0 else 1.0
+    for k in range(steps):
+        t = k * h
+        if k == switch_step:
+            p = after
+            stop_low = x if p.stop_here < 0.0 else p.stop_low
+            stop_high = x if p.stop_here > 0.0 else p.stop_high
+        if k % steps_per_tick == steps_per_tick // 2:
+            w_command = command[k // steps_per_tick]
+            w_seen = w
+            if servo.encoder_step > 0.0:
+                now = np.floor(angle / servo.encoder_step) * servo.encoder_step
+                w_seen, seen_angle = (now - seen_angle) / tick_s, now
+                speed_seen += (w_seen - speed_seen) * tick_s / servo.speed_filter
+            else:
+                speed_seen = w
+            integral += (w_command - w_seen) * tick_s
+            integral = min(max(integral, -servo.integral_limit), servo.integral_limit)
+            commanded_current = servo.Kp * (w_command - speed_seen) + servo.Ki * integral
+        wanted += (commanded_current - wanted) * lag_gain
+        limit = max(0.0, p.Vmax - sag - p.supply_drift * t)
+
+        contact = contact_torque(p, stop_low, stop_high, x, w)
+        load = load_torque(p, t, x, w, angle, pitch[k], contact)
+        i, V = motor_current(p, wanted, w, heat, limit)
+        power = V * i
+        drive = p.Km * (1.0 - p.km_saturation * abs(i)) * i - load
+        direction = np.sign(w) if w != 0.0 else np.sign(drive)
+        friction = friction_torque(p, t, x, w, direction, pitch[k], contact, power)
+        stuck = w == 0.0 and abs(drive) <= p.static_ratio * friction
+        applied = drive + load if stuck else load + direction * friction
+        if k % record_every == 0:
+            row = out[k // record_every]
+            row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = (
+                t,
+                V,
+                i,
+                x,
+                w,
+                angle,
+                integral,
+                applied,
+            )
+        heat += h * (i * i * p.Rm - heat / p.cooling_time)
+        sag += (p.sag_ohm * abs(i) - sag) * (1.0 - np.exp(-h / p.sag_time)) if p.sag_ohm != 0.0 else 0.0
+        if stuck:
+            continue
+
+        carry = p.D * (1.0 - min(0.9, p.slip_per_torque * abs(applied)))
+        w_mid = w + 0.5 * h * (drive - direction * friction) / p.J
+        if w_mid * direction < 0.0:
+            w_mid = 0.0
+        angle_mid = angle + 0.25 * h * (w + w_mid)
+        x_mid = x + carry * (
+            angle_mid - angle
+        )  # play and compression are far below what the torque feels in a step
+        pitch_mid = pitch[min(k + 1, steps - 1)] * 0.5 + pitch[k] * 0.5
+        contact = contact_torque(p, stop_low, stop_high, x_mid, w_mid)
+        load = load_torque(p, t + 0.5 * h, x_mid, w_mid, angle_mid, pitch_mid, contact)
+        i, V = motor_current(p, wanted, w_mid, heat, limit)
+        drive = p.Km * (1.0 - p.km_saturation * abs(i)) * i - load
+        friction = friction_torque(p, t + 0.5 * h, x_mid, w_mid, direction, pitch_mid, contact, V * i)
+        w_new = w + h * (drive - direction * friction) / p.J
+        turned = 0.5 * h * (w + w_new)
+        if w_new * direction < 0.0:
+            turned = 0.5 * h * w * w / (w - w_new)
+            w_new = 0.0
+        w, angle = w_new, angle + turned
+        gap += carry * turned
+        pushed = max(gap - p.play, 0.0) + min(gap, 0.0)
+        gap -= pushed
+        in_contact = x > stop_high or x < stop_low
+        x += pushed * (1.0 - p.E) if in_contact else pushed
+    return out, stop_low, stop_high

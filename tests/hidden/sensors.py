@@ -1,0 +1,113 @@
+"""The logger: what it records of the motion, with sensor effects, white noise and the rounding of a DAQ."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.signal import lfilter
+
+from .faults import Fault, spoil_channel
+from .plant import Motion
+from .rig import SCREW_LEAD_M
+
+STEPS = {"voltage": 1e-4, "current": 1e-6, "position": 1e-8}  # V, A, m: what the logger resolves
+COLUMNS = {"voltage": "voltage_v", "current": "current_a", "position": "position_m"}
+ENCODER_EDGES_PER_TURN = 128  # 32 counts a turn, quadrature
+
+
+@dataclass(frozen=True)
+class Logger:
+    """Sample rate and white noise, 1 sigma. log_encoder adds the servo's own angle, in quadrature steps."""
+
+    rate_hz: float = 1600.0
+    voltage_noise_v: float = 10e-3
+    current_noise_a: float = 0.3e-3
+    position_noise_m: float = 10e-6
+    pitch_noise_deg: float = 0.0
+    log_encoder: bool = False
+
+    def noiseless(self) -> "Logger":
+        return Logger(self.rate_hz, 0.0, 0.0, 0.0, 0.0, self.log_encoder)
+
+
+class Sensors(NamedTuple):
+    """What the sensors do to the truth, SI units with pitch in degrees. Defaults are neutral."""
+
+    position_lag: float = 0.0
+    position_delay: float = 0.0
+    position_gain: float = 0.0
+    position_ripple: float = 0.0
+    position_ripple_period: float = SCREW_LEAD_M
+    position_ripple_phase: float = 0.0
+    position_creep: float = 0.0
+    position_creep_time: float = 5.0
+    position_per_degree: float = 0.0
+    current_offset: float = 0.0
+    current_gain: float = 0.0
+    voltage_delay: float = 0.0
+    voltage_offset: float = 0.0
+    pitch_offset: float = 0.0
+
+
+def needs_history(sensors: Sensors) -> bool:
+    """Whether a sensor remembers what happened between two samples."""
+    return sensors.position_lag > 0.0 or sensors.position_delay > 0.0 or sensors.voltage_delay > 0.0
+
+
+def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: Logger, fault: Fault, rng):
+    """The log, as in section 1 of the contract. motion: rows at `times` [s] or denser; pitch [deg], command [rad/s]."""
+    clean = {
+        "voltage": _voltage(motion, times, Rs, sensors),
+        "current": _at(motion, motion.current, times) * (1.0 + sensors.current_gain) + sensors.current_offset,
+        "position": _position(motion, times, pitch, sensors),
+    }
+    noise = {
+        "voltage": logger.voltage_noise_v * rng.standard_normal(times.size),
+        "current": logger.current_noise_a * rng.standard_normal(times.size),
+        "position": logger.position_noise_m * rng.standard_normal(times.size),
+    }
+    columns = {"time_s": np.round(times, 9)}
+    for channel, column in COLUMNS.items():
+        at_onset = 0.0 if fault.onset_s is None else np.interp(fault.onset_s, times, clean[channel])
+        seen = spoil_channel(fault, channel, times, clean[channel], noise[channel], at_onset)
+        columns[column] = _rounded(seen, STEPS[channel])
+    pitch_noise = logger.pitch_noise_deg * rng.standard_normal(times.size)
+    columns["pitch_deg"] = _rounded(pitch + sensors.pitch_offset + pitch_noise, 1e-3)
+    columns["speed_cmd_rad_s"] = _rounded(command, 1e-6)
+    if logger.log_encoder:
+        edge = 2 * np.pi / ENCODER_EDGES_PER_TURN
+        columns["encoder_rad"] = np.round(np.floor(_at(motion, motion.angle, times) / edge) * edge, 6)
+    return pd.DataFrame(columns)
+
+
+def _voltage(motion, times, Rs, sensors):
+    """Eq. 15: terminal voltage, seen voltage_delay seconds late."""
+    terminal = motion.source_voltage - Rs * motion.current
+    return _at(motion, terminal, times - sensors.voltage_delay) + sensors.voltage_offset
+
+
+def _position(motion, times, pitch, sensors):
+    """The absolute sensor: lag, delay, gain, periodic error, creep, pitch error, in that order."""
+    x = motion.position
+    if sensors.position_lag > 0.0:
+        keep = np.exp(-(motion.time[1] - motion.time[0]) / sensors.position_lag)
+        x, _ = lfilter([1.0 - keep], [1.0, -keep], x, zi=[keep * x[0]])
+    x = _at(motion, x, times - sensors.position_delay)
+    ripple = np.sin(2 * np.pi * x / sensors.position_ripple_period + sensors.position_ripple_phase)
+    creep = sensors.position_creep * (1.0 - np.exp(-times / sensors.position_creep_time))
+    return (
+        (1.0 + sensors.position_gain) * x
+        + sensors.position_ripple * ripple
+        + creep
+        + sensors.position_per_degree * pitch
+    )
+
+
+def _at(motion, values, times):
+    return np.interp(times, motion.time, values)
+
+
+def _rounded(values, step):
+    """Multiples of `step`, without the float dust that a plain product leaves and without minus zero."""
+    return np.round(np.round(values / step) * step, int(round(-np.log10(step)))) + 0.0

@@ -1,0 +1,189 @@
+"""An independent truth: a log of the mass-shifter with a known fault and known effects.
+
+Shares no code with the package under test: own integrator, own stick-slip, own sampled servo, own noise.
+"""
+
+import gzip
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .effects import ALL, Effect, fields_of
+from .faults import NO_FAULT, Fault, faulty_plant
+from .plant import Motion, Plant, Servo, run
+from .profiles import Profile, campaign, command_at, pitch_at
+from .rig import SCREW_RAD_PER_MOTOR_RAD, TABLE_1, Rig
+from .sensors import ENCODER_EDGES_PER_TURN, Logger, Sensors, needs_history, record
+
+
+@dataclass(frozen=True)
+class TruthSpec:
+    """All that decides a log but its noise.
+
+    start_m: mass position at t = 0; start_integral_rad: the servo's error integral I then (I holds pitch at rest).
+    static_ratio: break-away friction over sliding friction. servo_hz: rate of the PI servo; servo_encoder: it sees
+    quadrature steps instead of the exact speed. substep_hz: integration steps a second, a multiple of 2 * servo_hz
+    and of the log's rate.
+    """
+
+    profile: Profile = campaign()
+    rig: Rig = TABLE_1
+    fault: Fault = NO_FAULT
+    effects: tuple[Effect, ...] = ()
+    logger: Logger = Logger()
+    start_m: float = 0.0
+    start_integral_rad: float = 0.0
+    static_ratio: float = 1.0
+    servo_hz: float = 8000.0
+    servo_encoder: bool = False
+    substep_hz: float = 48000.0
+
+
+def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
+    """The log (columns of the contract) and its truth (plain data, fit for JSON). The seed draws the noise only."""
+    times = sample_times(spec)
+    sensors = Sensors(**fields_of(spec.effects, "sensors"))
+    motion, stops = _simulate(spec, dense=needs_history(sensors))
+    frame = record(
+        motion,
+        times,
+        pitch_at(spec.profile, times),
+        command_at(spec.profile, spec.rig.accel, times),
+        spec.rig.Rs,
+        sensors,
+        spec.logger,
+        spec.fault,
+        np.random.default_rng(seed),
+    )
+    return frame, _truth(spec, seed, stops)
+
+
+def true_motion(spec: TruthSpec) -> Motion:
+    """What the rig did at the sample instants, before any sensor."""
+    return _simulate(spec, dense=False)[0]
+
+
+def without_noise(spec: TruthSpec) -> TruthSpec:
+    return replace(spec, logger=spec.logger.noiseless())
+
+
+def sample_times(spec: TruthSpec):
+    """Sample instants [s]: from 0, up to but without the profile's end."""
+    return np.arange(int(round(spec.profile.duration_s * spec.logger.rate_hz))) / spec.logger.rate_hz
+
+
+def write_log(frame: pd.DataFrame, path: str | Path) -> Path:
+    """Writes .csv, .csv.gz or .parquet; equal frames give equal bytes."""
+    path = Path(path)
+    if path.name.endswith(".parquet"):
+        frame.to_parquet(path, index=False)
+    elif path.name.endswith(".csv.gz"):
+        path.write_bytes(gzip.compress(frame.to_csv(index=False).encode(), 6, mtime=0))
+    elif path.name.endswith(".csv"):
+        path.write_text(frame.to_csv(index=False))
+    else:
+        raise ValueError(f"{path.name}: a log is .csv, .csv.gz or .parquet")
+    return path
+
+
+def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]]:
+    """Motion at the sample instants, or at every integration step if dense, and the stops' final places [m]."""
+    step = 1.0 / spec.substep_hz
+    per_tick = _whole(spec.substep_hz, spec.servo_hz)
+    per_sample = _whole(spec.substep_hz, spec.logger.rate_hz)
+    if per_tick % 2:
+        raise ValueError(f"substep_hz {spec.substep_hz} must be an even multiple of servo_hz {spec.servo_hz}")
+    steps = (sample_times(spec).size - 1) * per_sample + 1
+    plant = _plant(spec)
+    switch = -1
+    after = plant
+    if spec.fault.onset_s is not None:
+        switch = int(round(spec.fault.onset_s * spec.substep_hz))
+        after = faulty_plant(plant, spec.rig, spec.fault, _direction_at(spec, spec.fault.onset_s))
+    rows, low, high = run(
+        plant,
+        after,
+        switch,
+        _servo(spec),
+        _servo_command(spec, steps // per_tick + 1),
+        pitch_at(spec.profile, np.arange(steps) * step),
+        step,
+        per_tick,
+        1 if dense else per_sample,
+        (spec.start_m, spec.start_integral_rad, 0.0),
+    )
+    return Motion(*rows.T.copy()), (low, high)
+
+
+def _plant(spec: TruthSpec) -> Plant:
+    rig = spec.rig
+    letters = {
+        name: float(getattr(rig, name)) for name in ("Rm", "Rs", "Km", "D", "Vmax", "J", "A", "B", "C", "E")
+    }
+    return Plant(
+        **letters,
+        stop_low=rig.stop_low_m,
+        stop_high=rig.stop_high_m,
+        static_ratio=spec.static_ratio,
+        screw_ratio=SCREW_RAD_PER_MOTOR_RAD,
+    )._replace(**fields_of(spec.effects, "plant"))
+
+
+def _servo(spec: TruthSpec) -> Servo:
+    edge = 2 * np.pi / ENCODER_EDGES_PER_TURN if spec.servo_encoder else 0.0
+    return Servo(spec.rig.Kp, spec.rig.Ki, encoder_step=edge)._replace(**fields_of(spec.effects, "servo"))
+
+
+def _servo_command(spec: TruthSpec, ticks: int):
+    """The command [rad/s] that the servo follows at each of its ticks, late and slew-limited if an effect says so."""
+    fields = fields_of(spec.effects, "command")
+    accel = min(spec.rig.accel, fields.get("slew", np.inf))
+    times = (np.arange(ticks) + 0.5) / spec.servo_hz - fields.get("delay", 0.0)
+    return command_at(spec.profile, accel, times)
+
+
+def _direction_at(spec: TruthSpec, time_s: float) -> float:
+    """Sign of the move in progress at `time_s`, or of the latest one before it."""
+    begun = [move for move in spec.profile.moves if move.start_s <= time_s]
+    return float(np.sign((begun or spec.profile.moves[:1])[-1].speed))
+
+
+def _truth(spec: TruthSpec, seed: int, stops: tuple[float, float]) -> dict:
+    fault = spec.fault
+    hit = fault.label == "overload"
+    return {
+        "label": fault.label,
+        "channel": fault.channel,
+        "onset_s": fault.onset_s,
+        "kind": fault.kind or None,
+        "size": fault.magnitude if fault.kind else None,
+        "contact_m": stops[0 if _direction_at(spec, fault.onset_s) < 0 else 1] if hit else None,
+        "stops_m": list(stops),
+        "effects": [_effect_truth(item) for item in spec.effects],
+        "rig": asdict(spec.rig),
+        "moves": [asdict(move) for move in spec.profile.moves],
+        "logger": asdict(spec.logger),
+        "seed": seed,
+    }
+
+
+def _effect_truth(item: Effect) -> dict:
+    cause = ALL[item.cause]
+    units = {parameter.name: parameter.unit for parameter in cause.parameters}
+    return {
+        "cause": item.cause,
+        "equation": cause.equation,
+        "equations": sorted(cause.equations),
+        "regressors": sorted(cause.regressors),
+        "formula": cause.formula,
+        "parameters": {name: {"value": value, "unit": units[name]} for name, value in item.values},
+    }
+
+
+def _whole(rate: float, divisor: float) -> int:
+    ratio = rate / divisor
+    if abs(ratio - round(ratio)) > 1e-9 * ratio:
+        raise ValueError(f"{rate} Hz is no whole multiple of {divisor} Hz")
+    return int(round(ratio))
