@@ -1,4 +1,4 @@
-"""The hidden truth: a simulator that shares no code with the package, for tests that must not know the answer."""
+"""The hidden truth: a simulator that shares no code with the package, for tests that must find the answer."""
 
 from .cases import draw_effect_case, draw_effects_case, draw_move_case
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect

@@ -1,4 +1,4 @@
-"""Draws for Monte Carlo studies: moves with a fault, and campaigns with a hidden effect. A seed repeats its case."""
+"""Draws for Monte Carlo: moves with a fault, campaigns with a hidden effect. A seed repeats a case."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ TRANSIENT_SHARE = 0.3
 
 
 def draw_move_case(seed: int, label: str) -> TruthSpec:
-    """One move with a fault of class `label`, or none: 205 to 410 rad/s either way, pitch -12 to 12 deg, 3.3 to 5.8 s.
+    """One move with a fault of class `label`: 205 to 410 rad/s either way, pitch -12 to 12 deg, 3.3 to 5.8 s.
 
-    Pitch sways by up to 0.4 deg. Three faults in ten begin within 250 ms of the start, the others in steady state.
+    Pitch sways by up to 0.4 deg. Three faults in ten begin within 250 ms of the start, the others later.
     """
     rng = np.random.default_rng([seed, 1])
     rig = draw_rig(rng)
@@ -35,10 +35,10 @@ def draw_move_case(seed: int, label: str) -> TruthSpec:
 
 
 def draw_effect_case(seed: int, cause: str | None, size_factor: float) -> TruthSpec:
-    """A campaign that hides `cause` at `size_factor` times its small size, or a control without any (cause None).
+    """A campaign that hides `cause` at `size_factor` times its small size, or a control (cause None).
 
-    Rig with the paper's spread and 2 % on J, Kp, Ki, Rs, Vmax; drawn sign and phase of the effect. Contact effects
-    get the campaign that leans on both stops, the others the eighteen moves with three pitches and three speeds.
+    Rig with the paper's spread and 2 % on J, Kp, Ki, Rs, Vmax; drawn sign and phase of the effect. Contact
+    effects get the campaign that leans on both stops, the others eighteen moves at three pitches and speeds.
     """
     return draw_effects_case(seed, () if cause is None else (cause,), size_factor)
 

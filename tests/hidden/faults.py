@@ -10,7 +10,7 @@ from .rig import Rig
 LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
 CHANNELS = ("voltage", "current", "position")
 
-# Default size of each sensor fault: V, A, m for a bias; the same per second for a drift; a factor for the rest.
+# Default size of each sensor fault: V, A, m for a bias; the same a second for a drift; a factor for the rest.
 SENSOR_SIZES = {
     "frozen": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # dead constant, as a hung converter gives
     "frozen_noisy": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # constant under the usual noise
@@ -35,7 +35,7 @@ UNKNOWN_SIZES = {
 class Fault:
     """One fault. label: of LABELS; onset_s on the log's clock.
 
-    kind: for "sensor_fault" a key of SENSOR_SIZES, with channel of CHANNELS; for "unknown" a key of UNKNOWN_SIZES.
+    kind: for "sensor_fault" one of SENSOR_SIZES, with channel of CHANNELS; for "unknown" of UNKNOWN_SIZES.
     size: as in those tables, None = theirs. duration_s: of a sensor fault; the others stay.
     """
 
@@ -70,7 +70,7 @@ NO_FAULT = Fault()
 
 
 def faulty_plant(plant: Plant, rig: Rig, fault: Fault, direction: float) -> Plant:
-    """The plant from the onset on. direction: sign of the command at onset, the side at which an obstacle stands."""
+    """The plant from the onset on. direction: sign of the move at onset, where an obstacle stands."""
     if fault.label == "overload":
         return plant._replace(stop_here=direction)
     if fault.label == "coupling_loss":

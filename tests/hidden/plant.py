@@ -1,4 +1,4 @@
-"""The mass-shifter in fine time steps: DC motor, sampled PI servo, stick-slip, rails with a stop at either end.
+"""The mass-shifter in fine time steps: DC motor, sampled PI servo, stick-slip, rails with a stop at each end.
 
 All compiled code lives in this one file, because numba's cache does not see changes in other files.
 Sign convention: applied torque = load + friction * direction; positive pitch and the upper stop oppose +x.
@@ -13,7 +13,7 @@ CONTACT_REFERENCE_M = 1e-3  # the indentation at which every contact exponent gi
 
 
 class Plant(NamedTuple):
-    """Every number of the physics, SI units with pitch in degrees. Beyond Rig's letters the defaults are neutral."""
+    """Every number of the physics, SI units with pitch in degrees. Defaults are neutral."""
 
     Rm: float
     Rs: float
@@ -159,7 +159,7 @@ def source_voltage(p, i, w, heat):
 
 @njit(cache=True)
 def motor_current(p, wanted, w, heat, limit):
-    """Current and source voltage (i [A], Vs [V]): the wanted current, or what the supply `limit` [V] allows, Eq. 6."""
+    """Eq. 6: (i [A], Vs [V]), the wanted current or what the supply `limit` [V] allows."""
     V = source_voltage(p, wanted, w, heat)
     if abs(V) <= limit:
         return wanted, V
@@ -177,98 +177,99 @@ def motor_current(p, wanted, w, heat, limit):
 
 
 @njit(cache=True)
-def run(before, after, switch_step, servo, command, pitch, step_s, steps_per_tick, record_every, state):
-    """Integrate and record. `state` = (x, I, motor angle) at rest; returns
-    one row per record, columns as Motion, and where the lower and the upper stop are at the end [m].
+def forces(p, stops, supply, t, x, w, angle, pitch, heat, way):
+    """Electrical and mechanical balance at one instant: (i, Vs, load, drive, friction, direction).
 
-    command: rad/s per servo tick; pitch: deg per step. `after` replaces `before` at `switch_step` (< 0: never).
-    The servo ticks half a tick after time zero, so that on average its hold neither leads nor lags the logger.
-    RK2 between events; a zero crossing of the speed ends in a true stuck state for the rest of the step.
+    stops: where the lower and the upper one are [m]; supply: (wanted current [A], voltage limit [V]);
+    way: direction of travel, 0 = that of the speed, or at rest that in which the drive pulls.
     """
-    steps, h = pitch.size, step_s
-    out = np.empty(((steps + record_every - 1) // record_every, 8))
-    p = before
-    x, integral, angle = state
-    w, wanted = 0.0, servo.Ki * integral
-    commanded_current = wanted
-    gap = p.play * p.play_start
-    stop_low, stop_high = p.stop_low, p.stop_high
-    heat, sag, power, speed_seen = 0.0, 0.0, 0.0, 0.0
-    tick_s = steps_per_tick * h
-    seen_angle = (
-        np.floor(angle / servo.encoder_step) * servo.encoder_step if servo.encoder_step > 0.0 else 0.0
-    )
-    lag_gain = 1.0 - np.exp(-h / servo.current_lag) if servo.current_lag > 0.0 else 1.0
-    for k in range(steps):
-        t = k * h
-        if k == switch_step:
-            p = after
-            stop_low = x if p.stop_here < 0.0 else p.stop_low
-            stop_high = x if p.stop_here > 0.0 else p.stop_high
-        if k % steps_per_tick == steps_per_tick // 2:
-            w_command = command[k // steps_per_tick]
-            w_seen = w
-            if servo.encoder_step > 0.0:
-                now = np.floor(angle / servo.encoder_step) * servo.encoder_step
-                w_seen, seen_angle = (now - seen_angle) / tick_s, now
-                speed_seen += (w_seen - speed_seen) * tick_s / servo.speed_filter
-            else:
-                speed_seen = w
-            integral += (w_command - w_seen) * tick_s
-            integral = min(max(integral, -servo.integral_limit), servo.integral_limit)
-            commanded_current = servo.Kp * (w_command - speed_seen) + servo.Ki * integral
-        wanted += (commanded_current - wanted) * lag_gain
-        limit = max(0.0, p.Vmax - sag - p.supply_drift * t)
-
-        contact = contact_torque(p, stop_low, stop_high, x, w)
-        load = load_torque(p, t, x, w, angle, pitch[k], contact)
-        i, V = motor_current(p, wanted, w, heat, limit)
-        power = V * i
-        drive = p.Km * (1.0 - p.km_saturation * abs(i)) * i - load
+    contact = contact_torque(p, stops[0], stops[1], x, w)
+    load = load_torque(p, t, x, w, angle, pitch, contact)
+    i, V = motor_current(p, supply[0], w, heat, supply[1])
+    drive = p.Km * (1.0 - p.km_saturation * abs(i)) * i - load
+    direction = way
+    if way == 0.0:
         direction = np.sign(w) if w != 0.0 else np.sign(drive)
-        friction = friction_torque(p, t, x, w, direction, pitch[k], contact, power)
-        stuck = w == 0.0 and abs(drive) <= p.static_ratio * friction
-        applied = drive + load if stuck else load + direction * friction
-        if k % record_every == 0:
-            row = out[k // record_every]
-            row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = (
-                t,
-                V,
-                i,
-                x,
-                w,
-                angle,
-                integral,
-                applied,
-            )
-        heat += h * (i * i * p.Rm - heat / p.cooling_time)
-        sag += (p.sag_ohm * abs(i) - sag) * (1.0 - np.exp(-h / p.sag_time)) if p.sag_ohm != 0.0 else 0.0
-        if stuck:
-            continue
+    return i, V, load, drive, friction_torque(p, t, x, w, direction, pitch, contact, V * i), direction
 
-        carry = p.D * (1.0 - min(0.9, p.slip_per_torque * abs(applied)))
-        w_mid = w + 0.5 * h * (drive - direction * friction) / p.J
-        if w_mid * direction < 0.0:
-            w_mid = 0.0
+
+@njit(cache=True)
+def advance(p, stops, supply, t, h, body, pitch, heat):
+    """The body (x, w, angle, gap) `h` seconds later: RK2, cut at every zero crossing of the speed.
+
+    gap is how far the motor is into the play of the coupling [m]. A body that friction holds stays at rest.
+    """
+    x, w, angle, gap = body
+    for _ in range(8):  # slices of one step; a crossing or two is all that happens
+        _, _, load, drive, friction, way = forces(p, stops, supply, t, x, w, angle, pitch, heat, 0.0)
+        if h <= 0.0 or (w == 0.0 and abs(drive) <= p.static_ratio * friction):
+            break
+        carry = p.D * (1.0 - min(0.9, p.slip_per_torque * abs(load + way * friction)))
+        w_mid = w + 0.5 * h * (drive - way * friction) / p.J
+        w_mid = way * max(0.0, way * w_mid)
         angle_mid = angle + 0.25 * h * (w + w_mid)
-        x_mid = x + carry * (
-            angle_mid - angle
-        )  # play and compression are far below what the torque feels in a step
-        pitch_mid = pitch[min(k + 1, steps - 1)] * 0.5 + pitch[k] * 0.5
-        contact = contact_torque(p, stop_low, stop_high, x_mid, w_mid)
-        load = load_torque(p, t + 0.5 * h, x_mid, w_mid, angle_mid, pitch_mid, contact)
-        i, V = motor_current(p, wanted, w_mid, heat, limit)
-        drive = p.Km * (1.0 - p.km_saturation * abs(i)) * i - load
-        friction = friction_torque(p, t + 0.5 * h, x_mid, w_mid, direction, pitch_mid, contact, V * i)
-        w_new = w + h * (drive - direction * friction) / p.J
-        turned = 0.5 * h * (w + w_new)
-        if w_new * direction < 0.0:
-            turned = 0.5 * h * w * w / (w - w_new)
+        x_mid = x + carry * (angle_mid - angle)  # play and compression in half a step are not felt
+        middle = forces(p, stops, supply, t + 0.5 * h, x_mid, w_mid, angle_mid, pitch, heat, way)
+        w_new = w + h * (middle[3] - way * middle[4]) / p.J
+        used = h
+        if way * w_new < 0.0:
+            used = h * w / (w - w_new)
             w_new = 0.0
-        w, angle = w_new, angle + turned
+        turned = 0.5 * used * (w + w_new)
+        in_contact = x > stops[1] or x < stops[0]
         gap += carry * turned
         pushed = max(gap - p.play, 0.0) + min(gap, 0.0)
-        gap -= pushed
-        in_contact = x > stop_high or x < stop_low
         x += pushed * (1.0 - p.E) if in_contact else pushed
-    return out, stop_low, stop_high
+        w, angle, gap, t, h = w_new, angle + turned, gap - pushed, t + used, h - used
+    return x, w, angle, gap
+
+
+@njit(cache=True)
+def run(before, after, switch_step, servo, command, pitch, step_s, steps_per_tick, record_every, start):
+    """Integrate and record. start = (x, I), at rest. Returns the rows of Motion and the final stops.
+
+    command: rad/s per servo tick; pitch: deg per step. `after` replaces `before` at `switch_step`, if >= 0.
+    The servo ticks half a tick after time zero, so a logged current is half a tick old.
+    """
+    steps, h, tick_s = pitch.size, step_s, steps_per_tick * step_s
+    out = np.empty(((steps + record_every - 1) // record_every, 8))
+    p, stops = before, (before.stop_low, before.stop_high)
+    body = (start[0], 0.0, 0.0, before.play * before.play_start)
+    integral = start[1]
+    asked = wanted = servo.Ki * integral
+    heat, sag, w_filtered, seen_angle = 0.0, 0.0, 0.0, 0.0
+    half_decay = np.exp(-0.5 * h / servo.current_lag) if servo.current_lag > 0.0 else 0.0
+    sag_gain = 1.0 - np.exp(-h / before.sag_time)
+    for k in range(steps):
+        t = k * h
+        x, w, angle, gap = body
+        if k == switch_step:
+            p = after
+            stops = (x if p.stop_here < 0.0 else p.stop_low, x if p.stop_here > 0.0 else p.stop_high)
+        if k % steps_per_tick == steps_per_tick // 2:
+            w_command, w_seen, speed_seen = command[k // steps_per_tick], w, w
+            if servo.encoder_step > 0.0:
+                new_angle = np.floor(angle / servo.encoder_step) * servo.encoder_step
+                w_seen, seen_angle = (new_angle - seen_angle) / tick_s, new_angle
+                w_filtered += (w_seen - w_filtered) * tick_s / servo.speed_filter
+                speed_seen = w_filtered
+            integral += (w_command - w_seen) * tick_s
+            integral = min(max(integral, -servo.integral_limit), servo.integral_limit)
+            asked = servo.Kp * (w_command - speed_seen) + servo.Ki * integral
+        if servo.current_lag == 0.0:
+            wanted = asked
+        limit = max(0.0, p.Vmax - sag - p.supply_drift * t)
+        supply = (wanted, limit)
+        i, V, load, drive, friction, way = forces(p, stops, supply, t, x, w, angle, pitch[k], heat, 0.0)
+        if k % record_every == 0:
+            stuck = w == 0.0 and abs(drive) <= p.static_ratio * friction
+            row = out[k // record_every]
+            row[0], row[1], row[2], row[3] = t, V, i, x
+            row[4], row[5], row[6] = w, angle, integral
+            row[7] = drive + load if stuck else load + way * friction
+        heat += h * (i * i * p.Rm - heat / p.cooling_time)
+        sag += (p.sag_ohm * abs(i) - sag) * sag_gain
+        wanted_midway = asked + (wanted - asked) * half_decay
+        wanted = asked + (wanted_midway - asked) * half_decay
+        body = advance(p, stops, (wanted_midway, limit), t, h, body, pitch[k], heat)
+    return out, stops[0], stops[1]

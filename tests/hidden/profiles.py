@@ -22,7 +22,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Profile:
-    """Moves, and a pitch [deg] of steps plus a slow sine. Pitch before the first step is that of the first step."""
+    """Moves, and a pitch [deg] of steps plus a slow sine. Before its first step it is that step."""
 
     moves: tuple[Move, ...]
     duration_s: float
@@ -33,7 +33,7 @@ class Profile:
 
 
 def command_at(profile: Profile, accel: float, times):
-    """Trapezoid of section 2.2 [rad/s] at `times` [s], continuous in time, with ramps of `accel` [rad/s^2]."""
+    """Trapezoid of section 2.2 [rad/s] at `times` [s], continuous in time, ramps of `accel` [rad/s^2]."""
     knots, speeds = [-1.0], [0.0]
     for move in profile.moves:
         ramp = abs(move.speed) / accel
@@ -75,7 +75,7 @@ def single_move(
 
 
 def there_and_back(speeds, holds_s, pitches_deg, first_start_s: float = 0.2, rest_s: float = 0.4) -> Profile:
-    """For each speed a move forth and a move back of the same length; pitch steps in the rest before each pair."""
+    """For each speed a move forth and a move back, equally long; pitch steps in the rest before a pair."""
     moves, steps, start = [], [], first_start_s
     for speed, hold, pitch in zip(speeds, holds_s, pitches_deg, strict=True):
         steps.append((max(0.0, start - rest_s / 2), pitch))

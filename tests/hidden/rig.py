@@ -9,9 +9,9 @@ import numpy as np
 class Rig:
     """Constants of one rig, SI units except pitch in degrees. Letters as in the paper.
 
-    Rm, Rs [ohm], Km [N m/A], D [m/rad], Vmax [V], accel [rad/s^2], Kp [A s/rad], Ki [A/rad], J [kg m^2], A [N m],
-    B [N m/deg], C [N m/m^2], E [1]; A_loose, J_loose are A', J' after a coupling loss; the stops are positions of
-    the mass [m] at which each end touches.
+    Rm, Rs [ohm], Km [N m/A], D [m/rad], Vmax [V], accel [rad/s^2], Kp [A s/rad], Ki [A/rad], J [kg m^2],
+    A [N m], B [N m/deg], C [N m/m^2], E [1]; A_loose, J_loose are A', J' after a coupling loss; the stops are
+    positions of the mass [m] at which each end touches.
     """
 
     Rm: float = 20.2

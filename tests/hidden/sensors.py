@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfilter_zi
 
 from .faults import Fault, spoil_channel
 from .plant import Motion
@@ -56,7 +56,7 @@ def needs_history(sensors: Sensors) -> bool:
 
 
 def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: Logger, fault: Fault, rng):
-    """The log, as in section 1 of the contract. motion: rows at `times` [s] or denser; pitch [deg], command [rad/s]."""
+    """The log of the contract, section 1. motion: at `times` [s] or denser; pitch [deg], command [rad/s]."""
     clean = {
         "voltage": _voltage(motion, times, Rs, sensors),
         "current": _at(motion, motion.current, times) * (1.0 + sensors.current_gain) + sensors.current_offset,
@@ -91,8 +91,12 @@ def _position(motion, times, pitch, sensors):
     """The absolute sensor: lag, delay, gain, periodic error, creep, pitch error, in that order."""
     x = motion.position
     if sensors.position_lag > 0.0:
-        keep = np.exp(-(motion.time[1] - motion.time[0]) / sensors.position_lag)
-        x, _ = lfilter([1.0 - keep], [1.0, -keep], x, zi=[keep * x[0]])
+        ratio = 2.0 * sensors.position_lag / (motion.time[1] - motion.time[0])
+        b, a = (
+            [1.0 / (1.0 + ratio)] * 2,
+            [1.0, (1.0 - ratio) / (1.0 + ratio)],
+        )  # bilinear: a ramp lags exactly
+        x, _ = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])
     x = _at(motion, x, times - sensors.position_delay)
     ripple = np.sin(2 * np.pi * x / sensors.position_ripple_period + sensors.position_ripple_phase)
     creep = sensors.position_creep * (1.0 - np.exp(-times / sensors.position_creep_time))

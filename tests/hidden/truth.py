@@ -22,10 +22,10 @@ from .sensors import ENCODER_EDGES_PER_TURN, Logger, Sensors, needs_history, rec
 class TruthSpec:
     """All that decides a log but its noise.
 
-    start_m: mass position at t = 0; start_integral_rad: the servo's error integral I then (I holds pitch at rest).
-    static_ratio: break-away friction over sliding friction. servo_hz: rate of the PI servo; servo_encoder: it sees
-    quadrature steps instead of the exact speed. substep_hz: integration steps a second, a multiple of 2 * servo_hz
-    and of the log's rate.
+    start_m: mass position at t = 0; start_integral_rad: the servo's error integral I then, which holds it.
+    static_ratio: break-away friction over sliding friction. servo_hz: rate of the PI servo; servo_encoder: it
+    sees quadrature steps instead of the exact speed. substep_hz: integration steps a second, a multiple of
+    2 * servo_hz and of the log's rate.
     """
 
     profile: Profile = campaign()
@@ -42,7 +42,7 @@ class TruthSpec:
 
 
 def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
-    """The log (columns of the contract) and its truth (plain data, fit for JSON). The seed draws the noise only."""
+    """The log (columns of the contract) and its truth (plain data for JSON). The seed draws noise only."""
     times = sample_times(spec)
     sensors = Sensors(**fields_of(spec.effects, "sensors"))
     motion, stops = _simulate(spec, dense=needs_history(sensors))
@@ -89,7 +89,7 @@ def write_log(frame: pd.DataFrame, path: str | Path) -> Path:
 
 
 def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]]:
-    """Motion at the sample instants, or at every integration step if dense, and the stops' final places [m]."""
+    """Motion at the sample instants, or at every step if dense, and where the stops are at the end [m]."""
     step = 1.0 / spec.substep_hz
     per_tick = _whole(spec.substep_hz, spec.servo_hz)
     per_sample = _whole(spec.substep_hz, spec.logger.rate_hz)
@@ -112,7 +112,7 @@ def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]
         step,
         per_tick,
         1 if dense else per_sample,
-        (spec.start_m, spec.start_integral_rad, 0.0),
+        (spec.start_m, spec.start_integral_rad),
     )
     return Motion(*rows.T.copy()), (low, high)
 
@@ -137,7 +137,7 @@ def _servo(spec: TruthSpec) -> Servo:
 
 
 def _servo_command(spec: TruthSpec, ticks: int):
-    """The command [rad/s] that the servo follows at each of its ticks, late and slew-limited if an effect says so."""
+    """Command [rad/s] that the servo follows at each tick, late and slew-limited if an effect says so."""
     fields = fields_of(spec.effects, "command")
     accel = min(spec.rig.accel, fields.get("slew", np.inf))
     times = (np.arange(ticks) + 0.5) / spec.servo_hz - fields.get("delay", 0.0)
