@@ -1,0 +1,42 @@
+"""One place that decides how kernels are compiled.
+
+numba checks only the file of the cached function itself, so a change of `actuator.py` would leave stale kernels
+behind. The cache therefore lives in a folder named after the content of every source file that is compiled.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_SOURCES = ("actuator.py", "transition.py", "kernels.py", "simulate.py", "mixture.py", "fitting.py")
+# No "nnan" and no "ninf": masks rely on NaN, unlimited clamps on infinity.
+_FASTMATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
+
+
+def _cache_folder() -> Path:
+    here = Path(__file__).parent
+    digest = hashlib.sha256(numba.__version__.encode())
+    for name in _SOURCES:
+        path = here / name
+        if path.exists():
+            digest.update(path.read_bytes())
+    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return root / "observer-fi" / digest.hexdigest()[:16]
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = str(_cache_folder())  # type: ignore[attr-defined]
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function` compiled by numba, or as it is where NUMBA_DISABLE_JIT is set."""
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH)(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `compiled`, and LLVM puts the body in place of each call: passing a parameter array costs more than an equation."""
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)(function)

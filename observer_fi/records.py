@@ -1,0 +1,191 @@
+"""The named results a log passes through, in order. Plain data: no record computes anything.
+
+Arrays are float64, SI units, on the log's own clock; n is the number of samples.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("voltage", "current", "position")
+LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
+
+
+class InvalidLogError(ValueError):
+    """A log that cannot be used. The message is the one line a user sees: file, row, column, what is wrong, what to do."""
+
+
+class UsageError(ValueError):
+    """A command, rig or map that cannot be used. The message is the one line a user sees."""
+
+
+class Gap(NamedTuple):
+    """Samples missing from the log's clock, between two times [s]."""
+
+    start_s: float
+    end_s: float
+    samples: int
+
+
+class Rejected(NamedTuple):
+    """One repaired or masked sample: row in the file (1 is the first data row), column, and what was done and why."""
+
+    row: int
+    column: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Log:
+    """Measured channels on one clock; NaN marks a sample that is missing or was rejected.
+
+    t (n,) s; z (n, 3) voltage [V], current [A], position [m]; w_cmd (n,) rad/s at the sample instant; pitch (n,) deg;
+    encoder (n,) rad or None; force (n,) N or None. A long log comes as several of these, in order; `first_row` is the
+    number of samples before this one.
+    """
+
+    path: str
+    t: Array
+    z: Array
+    w_cmd: Array
+    pitch: Array
+    encoder: Array | None = None
+    force: Array | None = None
+    sha256: str = ""
+    metadata: tuple[str, ...] = ()
+    gaps: tuple[Gap, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    rejected_count: int = 0
+    notes: tuple[str, ...] = ()
+    first_row: int = 0
+
+    @property
+    def rate_hz(self) -> float:
+        """Median sampling rate [Hz]."""
+        return float(1.0 / np.median(np.diff(self.t))) if self.t.size > 1 else float("nan")
+
+
+class Segment(NamedTuple):
+    """One move and the rests around it, as sample indices.
+
+    [rest, start) is at rest before the move, [start, stop) has a commanded speed, [stop, end) is the stop and the rest
+    after it. peak [rad/s] is the commanded speed of largest magnitude, signed; pitch [deg] the mean pitch.
+    """
+
+    rest: int
+    start: int
+    stop: int
+    end: int
+    peak: float
+    pitch: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a bank or the mixture says at every sample, causally.
+
+    modes: names of the m hypotheses. probability (n, m): rows sum to one. nis (n, m) normalised innovation squared of
+    every hypothesis, NaN where nothing was measured; predicted (n, m, 3) voltage, current, position before the update;
+    winner (n,) index of the most probable hypothesis; normalised (n, 3) innovations of the winner over their standard
+    deviations; states (n, 4) the mixed w, I, x and commanded current; active (n,) whether the sample counts as
+    evidence (a move, not a rest).
+    """
+
+    t: Array
+    modes: tuple[str, ...]
+    probability: Array
+    nis: Array
+    predicted: Array
+    normalised: Array
+    states: Array
+    active: NDArray[np.bool_]
+
+
+class Event(NamedTuple):
+    """The verdict on one move: label, channel for a sensor fault, probability, and the times of contract section 3."""
+
+    label: str
+    channel: str | None
+    probability: float
+    onset_s: float | None
+    onset_interval_s: tuple[float | None, float | None]
+    detected_s: float | None
+    isolated_s: float | None
+    start_s: float
+    end_s: float
+    posterior: dict[str, float]
+    reasons: tuple[str, ...] = ()
+
+
+class Consistency(NamedTuple):
+    """How well the winning hypotheses explain the data: mean NIS, its expected value, and a whiteness p-value."""
+
+    nis_mean: float
+    nis_expected: float
+    whiteness_p: float
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """One verdict for each move of a log, and one for the log."""
+
+    verdict: Event
+    events: tuple[Event, ...]
+    consistency: Consistency
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimated value: name, value, standard error, what it was before, unit, and a 95 % interval."""
+
+    name: str
+    value: float
+    std: float
+    prior: float
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A rig learned from logs: values, their correlation (k, k), what could not be identified and what to record."""
+
+    parameters: tuple[Parameter, ...]
+    correlation: Array
+    not_identifiable: dict[str, str]
+    nll_per_sample: float
+    rmse: dict[str, float]
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named cause that was accepted (contract section 4)."""
+
+    cause: str
+    equation: str
+    parameters: tuple[Parameter, ...]
+    delta_bic: float
+    heldout_nll_drop_per_sample: float
+    heldout_rmse_ratio: dict[str, float]
+    indistinguishable_from: tuple[str, ...]
+    separate_by: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one command has to say about one log: what `report.py` prints, or the reason why there is nothing."""
+
+    name: str
+    log: Log | None
+    isolation: Isolation | None = None
+    open_loop: Isolation | None = None
+    traces: dict[str, Array] = field(default_factory=dict)
+    explanation: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+    error: str | None = None

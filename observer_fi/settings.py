@@ -1,0 +1,85 @@
+"""Everything tunable, as frozen dataclasses; each number says where it comes from."""
+
+import tomllib
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from observer_fi.records import UsageError
+
+
+@dataclass(frozen=True)
+class BankSettings:
+    """The bank. Standard deviations by state name, SI units; wander is relative, per square root of a second."""
+
+    augment: bool = True
+    unknown: bool = True
+    sensors: bool = True
+    # Rates per second of the mode process: a fault in a thousand seconds of motion.
+    fault_rate: float = 1e-3
+    recovery_rate: float = 1e-4
+    between_rate: float = 1e-5
+    rare: float = 0.1
+    inertia_spread: float = 0.03
+    # Prior of a state that a hypothesis has and its source has not.
+    entry_std: dict[str, float] = field(
+        default_factory=lambda: {
+            "w": 1.0, "I": 0.05, "x": 1e-3, "d": 2e-6, "torque": 5e-4, "voltage": 0.5, "rate": 1e-3,
+        }
+    )  # fmt: skip
+    # Growth of the standard deviation per square root of a second.
+    diffusion: dict[str, float] = field(
+        default_factory=lambda: {
+            "w": 1.0, "I": 1e-4, "x": 5e-7, "d": 0.0, "torque": 2e-4, "voltage": 0.1, "rate": 5e-4,
+        }
+    )  # fmt: skip
+    wander: dict[str, float] = field(default_factory=lambda: {"A": 0.01})
+    # Timing of a sampled servo, as a share of the sample-to-sample change of a channel.
+    timing: float = 0.1
+    # A failed channel is off by a bias (relative to its noise on entry), repeats itself, or is noisy.
+    bias_entry: float = 300.0
+    bias_diffusion: float = 30.0
+    repeat_weight: float = 0.2
+    repeat_scale: float = 0.02
+    noisy_weight: float = 0.1
+    noisy_scale: float = 20.0
+    # A glitch: farther than this many standard deviations, for at most so many samples.
+    glitch_sigma: float = 8.0
+    glitch_samples: int = 3
+    isolated: float = 0.95
+    substep_s: float = 7e-4
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of the project."""
+
+    bank: BankSettings = field(default_factory=BankSettings)
+
+
+def load_settings(path: str | Path | None) -> Settings:
+    """Settings of a TOML file with a table per dataclass, defaults where the file is silent.
+
+    Raises UsageError for a key that does not exist, naming the right ones.
+    """
+    if path is None:
+        return Settings()
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise UsageError(f"{path}: cannot read the settings: {error}") from error
+    settings = Settings()
+    for name, values in table.items():
+        if name not in {f.name for f in fields(Settings)}:
+            raise UsageError(f"{path}: there are no settings {name!r} (known: {', '.join(f.name for f in fields(Settings))})")
+        settings = replace(settings, **{name: _changed(getattr(settings, name), values, str(path))})
+    return settings
+
+
+def _changed(group: Any, values: dict[str, Any], path: str) -> Any:
+    known = {f.name for f in fields(group)}
+    for key, value in values.items():
+        if key not in known:
+            raise UsageError(f"{path}: there is no setting {key!r} (known: {', '.join(sorted(known))})")
+        group = replace(group, **{key: getattr(group, key) | value if isinstance(value, dict) else value})
+    return group
