@@ -39,4 +39,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `compiled`, and LLVM puts the body in place of each call: passing a parameter array costs more than an equation."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)(function)
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True, _nrt=False)(function)
+
+
+def uncounted(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `compiled`, without reference counts: for loops that allocate nothing and get all their work arrays."""
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, _nrt=False)(function)

@@ -9,9 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi import transition as tr
-from observer_fi.compiled import compiled, inlined
+from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
@@ -89,65 +90,66 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
     return BankState(x, P, slow, bias, np.full((m, 3), np.nan), np.zeros((m, 3)), log_mu, np.full(3, np.nan), np.full(1, np.nan))
 
 
-@compiled
-def _mix(state, b, M, tune, x, P, bias, log_c):
-    """IMM mixing: moments of every hypothesis before the step, into x, P, bias; log_c (m,) gets log of the predicted mu.
+@inlined
+def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
+    """IMM mixing: moments of every hypothesis before the step, from x, P, bias into to_x, to_P, to_bias.
 
-    Source: Blom and Bar-Shalom (1988). States that a source lacks come from the target's entry prior.
+    Source: Blom and Bar-Shalom (1988). States that a source lacks come from the target's entry prior. mu (m,) mode
+    probabilities; entry: variance of a failed channel's bias on entry, over that of its noise; log_c (m,) gets the log of
+    the predicted mode probabilities.
     """
-    m = b.size.size
-    mu = np.exp(state.log_mu)
+    m = mu.size
     for j in range(m):
-        n = b.size[j]
+        n = b.layout[j, tr.SIZE]
         c = 0.0
         for i in range(m):
             c += M[i, j] * mu[i]
         log_c[j] = math.log(c)
-        x[j, :] = 0.0
-        bias[j, :] = 0.0
+        for k in range(n):
+            to_x[j, k] = 0.0
+            for q in range(k + 1):
+                to_P[j, k, q] = 0.0
+        to_bias[j, 0], to_bias[j, 1] = 0.0, 0.0
         for i in range(m):
             weight = M[i, j] * mu[i] / c
             if weight < NEGLIGIBLE:
                 continue
             for k in range(n):
                 at = b.source[j, i, k]
-                x[j, k] += weight * (state.x[i, at] if at >= 0 else b.entry_mean[j, k])
+                to_x[j, k] += weight * (x[i, at] if at >= 0 else b.entry_mean[j, k])
             if i == j:
-                bias[j, 0] += weight * state.bias[j, 0]
-        P[j, :, :] = 0.0
+                to_bias[j, 0] += weight * bias[j, 0]
         for i in range(m):
             weight = M[i, j] * mu[i] / c
             if weight < NEGLIGIBLE:
                 continue
             for k in range(n):
                 at = b.source[j, i, k]
-                dk = (state.x[i, at] if at >= 0 else b.entry_mean[j, k]) - x[j, k]
+                dk = (x[i, at] if at >= 0 else b.entry_mean[j, k]) - to_x[j, k]
                 for q in range(k + 1):
                     to = b.source[j, i, q]
-                    dq = (state.x[i, to] if to >= 0 else b.entry_mean[j, q]) - x[j, q]
-                    cov = dk * dq
+                    cov = dk * ((x[i, to] if to >= 0 else b.entry_mean[j, q]) - to_x[j, q])
                     if at >= 0 and to >= 0:
-                        cov += state.P[i, at, to]
+                        cov += P[i, at, to]
                     elif at == -1 and k == q:
                         cov += b.entry_var[j, k]
-                    P[j, k, q] += weight * cov
+                    to_P[j, k, q] += weight * cov
             if b.failed[j] >= 0:
-                off = (state.bias[j, 0] if i == j else 0.0) - bias[j, 0]
-                entry = tune.bias_entry * tune.bias_entry * b.noise[b.failed[j]]
-                bias[j, 1] += weight * (off * off + (state.bias[j, 1] if i == j else entry))
+                off = (bias[j, 0] if i == j else 0.0) - to_bias[j, 0]
+                to_bias[j, 1] += weight * (off * off + (bias[j, 1] if i == j else entry * b.noise[b.failed[j]]))
         for k in range(n):
             for q in range(k):
-                P[j, q, k] = P[j, k, q]
+                to_P[j, q, k] = to_P[j, k, q]
 
 
 @inlined
-def _predict(at, diffusion, base, p, x, P, slow, t, commands, last, theta, g, F, T):
-    """Mean and covariance of one hypothesis a sample later: x (n,), P (n, n), slow in place. g, F, T (4, n): scratch."""
-    n, at_d = at[tr.SIZE], at[tr.AT_D]
-    tr.with_scales(x, at, base, p)
-    tr.slopes(x, at, slow, commands[0], theta, p, base, g)
-    resting = tr.propagate(x, at, slow, t, commands, last, theta, p)
-    tr.transition(at, g, t, resting, F)
+def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, g, F, T):
+    """Mean and covariance of hypothesis j a sample later: rows j of x, P, slow in place. g (3, n), F, T (4, n): scratch."""
+    n, at_d = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D]
+    tr.load_parameters(j, x, b.layout, b.parameters, p)
+    tr.slopes(j, x, b.layout, slow, interval[row, 0], theta, p, b.parameters, g)
+    resting = tr.propagate(j, x, b.layout, slow, t, interval, row, last, theta, p)
+    tr.transition(j, b.layout, g, t, resting, F)
     rows = 4 if at_d >= 0 else 3
     for r in range(rows):
         for k in range(n):
@@ -156,12 +158,12 @@ def _predict(at, diffusion, base, p, x, P, slow, t, commands, last, theta, g, F,
             f = F[r, q]
             if f != 0.0:
                 for k in range(n):
-                    T[r, k] += f * P[q, k]
+                    T[r, k] += f * P[j, q, k]
     for r in range(rows):
         to = r if r < 3 else at_d
         for k in range(3, n):
-            P[to, k] = T[r, k]
-            P[k, to] = T[r, k]
+            P[j, to, k] = T[r, k]
+            P[j, k, to] = T[r, k]
     for r in range(rows):
         to = r if r < 3 else at_d
         for s in range(r + 1):
@@ -169,149 +171,199 @@ def _predict(at, diffusion, base, p, x, P, slow, t, commands, last, theta, g, F,
             for q in range(n):
                 total += T[r, q] * F[s, q]
             onto = s if s < 3 else at_d
-            P[to, onto] = total
-            P[onto, to] = total
+            P[j, to, onto] = total
+            P[j, onto, to] = total
     for k in range(n):
-        P[k, k] += diffusion[k] * t
+        P[j, k, k] += b.diffusion[j, k] * t
     if resting:
-        P[0, 0] = REST_VARIANCE
+        P[j, 0, 0] = REST_VARIANCE
 
 
 @inlined
-def _gate(S, e, c, glitches, tune):
-    """Whether a reading is taken for a glitch: far off, and not for long. Counts in glitches (3,)."""
+def _gate(j, S, e, c, glitches, tune):
+    """Whether a reading is taken for a glitch: far off, and not for long. Counts in glitches (m, 3)."""
     far = e * e > tune.glitch * tune.glitch * S
     if not far:
-        glitches[c] = 0.0
+        glitches[j, c] = 0.0
         return False
-    if glitches[c] < tune.glitch_samples:
-        glitches[c] += 1.0
+    if glitches[j, c] < tune.glitch_samples:
+        glitches[j, c] += 1.0
         return True
     return False
 
 
 @inlined
-def _update(at, failed, noise, base, p, x, P, slow, bias, z, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, work):
-    """Scalar updates of one hypothesis, channel by channel; returns its log-density and NIS.
+def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, work):
+    """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
 
-    Fills y (3,) the prediction and seen (3,) the innovations over their standard deviations. work (5, n): scratch.
+    Fills rows j of y (m, 3), the prediction, and seen (m, 3), the innovations over their standard deviations. work (2, n): scratch.
     A glitch counts as one at the gate and moves nothing.
     """
-    n, at_v = at[tr.SIZE], at[tr.AT_VOLTAGE]
-    tr.with_scales(x, at, base, p)
-    tr.channels(x, at, slow, w_cmd, theta, p, y, H)
-    start, Ph = work[0], work[1]
+    n, at_v, failed = b.layout[j, tr.SIZE], b.layout[j, tr.AT_VOLTAGE], b.failed[j]
+    tr.load_parameters(j, x, b.layout, b.parameters, p)
+    tr.channels(j, x, b.layout, slow, w_cmd, theta, p, y, H)
     for k in range(n):
-        start[k] = x[k]
+        work[0, k] = x[j, k]
     log_density, nis, product = 0.0, 0.0, 1.0
     for c in range(3):
-        seen[c] = np.nan
-        if z[c] != z[c] or c == failed:
+        seen[j, c] = np.nan
+        if z[row, c] != z[row, c] or c == failed:
             continue
         h0, h1, h2 = H[c, 0], H[c, 1], H[c, 2]
         hv = 1.0 if c == 0 and at_v >= 0 else 0.0
-        e = z[c] - y[c] - h0 * (x[0] - start[0]) - h1 * (x[1] - start[1]) - h2 * (x[2] - start[2])
+        e = z[row, c] - y[j, c] - h0 * (x[j, 0] - work[0, 0]) - h1 * (x[j, 1] - work[0, 1]) - h2 * (x[j, 2] - work[0, 2])
         for k in range(n):
-            Ph[k] = P[k, 0] * h0 + P[k, 1] * h1 + P[k, 2] * h2
+            work[1, k] = P[j, k, 0] * h0 + P[j, k, 1] * h1 + P[j, k, 2] * h2
         if hv != 0.0:
-            e -= x[at_v] - start[at_v]
+            e -= x[j, at_v] - work[0, at_v]
             for k in range(n):
-                Ph[k] += P[k, at_v]
-        change = tune.timing * (y[c] - last_y[c]) if last_y[c] == last_y[c] else 0.0
-        S = noise[c] + change * change + h0 * Ph[0] + h1 * Ph[1] + h2 * Ph[2] + (Ph[at_v] if hv != 0.0 else 0.0)
-        seen[c] = e / math.sqrt(S)
+                work[1, k] += P[j, k, at_v]
+        change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
+        S = b.noise[c] + change * change + h0 * work[1, 0] + h1 * work[1, 1] + h2 * work[1, 2] + (work[1, at_v] if hv != 0.0 else 0.0)
+        seen[j, c] = e / math.sqrt(S)
         product *= S
         log_density -= tr.LOG_2PI
-        if _gate(S, e, c, glitches, tune):
+        if _gate(j, S, e, c, glitches, tune):
             nis += tune.glitch * tune.glitch
             continue
         nis += e * e / S
         for k in range(n):
-            gain = Ph[k] / S
-            x[k] += gain * e
+            gain = work[1, k] / S
+            x[j, k] += gain * e
             for q in range(k + 1):
-                P[k, q] -= gain * Ph[q]
+                P[j, k, q] -= gain * work[1, q]
         for k in range(n):
             for q in range(k):
-                P[q, k] = P[k, q]
+                P[j, q, k] = P[j, k, q]
     log_density = 0.5 * (log_density - nis - math.log(product))
-    if failed >= 0 and z[failed] == z[failed]:
+    if failed >= 0 and z[row, failed] == z[row, failed]:
         h0, h1, h2 = H[failed, 0], H[failed, 1], H[failed, 2]
-        expected = y[failed] + h0 * (x[0] - start[0]) + h1 * (x[1] - start[1]) + h2 * (x[2] - start[2])
-        spread = h0 * h0 * P[0, 0] + h1 * h1 * P[1, 1] + h2 * h2 * P[2, 2]
-        spread += 2.0 * (h0 * h1 * P[0, 1] + h0 * h2 * P[0, 2] + h1 * h2 * P[1, 2])
-        change = tune.timing * (y[failed] - last_y[failed]) if last_y[failed] == last_y[failed] else 0.0
+        expected = y[j, failed] + h0 * (x[j, 0] - work[0, 0]) + h1 * (x[j, 1] - work[0, 1]) + h2 * (x[j, 2] - work[0, 2])
+        spread = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
+        spread += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
+        change = tune.timing * (y[j, failed] - last_y[j, failed]) if last_y[j, failed] == last_y[j, failed] else 0.0
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
-        sigma = math.sqrt(noise[failed] + change * change)
-        log_density += tr.failed_channel(z[failed], before, expected, spread, sigma, bias, tune.failed)
+        sigma = math.sqrt(b.noise[failed] + change * change)
+        log_density += tr.failed_channel(j, z[row, failed], before, expected, spread, sigma, bias, tune.failed)
     return log_density, nis
 
 
-@compiled
-def _normalise(log_mu):
-    top = log_mu.max()
-    log_mu -= top + math.log(np.exp(log_mu - top).sum())
+@inlined
+def _posterior(log_mu, log_c, log_density, mu):
+    """Mode probabilities from the predicted ones and the densities, into log_mu and mu (m,)."""
+    m = mu.size
+    top = -math.inf
+    for j in range(m):
+        log_mu[j] = log_c[j] + log_density[j]
+        top = max(top, log_mu[j])
+    total = 0.0
+    for j in range(m):
+        mu[j] = math.exp(log_mu[j] - top)
+        total += mu[j]
+    shift = top + math.log(total)
+    for j in range(m):
+        mu[j] /= total
+        log_mu[j] -= shift
 
 
-@compiled
-def run(b, tune, state, t, interval, w_cmd, theta, z, active, out_mu, out_nis, out_y, out_seen, out_states):
+class Scratch(NamedTuple):
+    """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
+
+    to_x (m, n), to_P (m, n, n), to_bias (m, 2): the other side of mixing; M (m, m); p (VECTOR_SIZE,); mu, log_density,
+    log_c (m,); y, seen (m, 3); g (3, n), F, T (4, n), H (3, 3), work (2, n),
+    square (2, m, m).
+    """
+
+    to_x: Array
+    to_P: Array
+    to_bias: Array
+    M: Array
+    p: Array
+    mu: Array
+    log_density: Array
+    log_c: Array
+    y: Array
+    seen: Array
+    g: Array
+    F: Array
+    T: Array
+    H: Array
+    work: Array
+    square: Array
+
+
+def scratch(b: BankArrays) -> Scratch:
+    """Work arrays for a bank."""
+    m, n = b.entry_mean.shape
+    g = np.zeros((3, n))
+    g[1, 0] = -1.0
+    return Scratch(
+        np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)), np.eye(m), b.parameters[0].copy(), np.zeros(m), np.zeros(m),
+        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 3)), np.zeros((2, n)),
+        np.zeros((2, m, m)),
+    )  # fmt: skip
+
+
+@uncounted
+def _copy_back(m, n, state, scr):
+    for j in range(m):
+        for k in range(n):
+            state.x[j, k] = scr.to_x[j, k]
+            for q in range(n):
+                state.P[j, k, q] = scr.to_P[j, k, q]
+        state.bias[j, 0], state.bias[j, 1] = scr.to_bias[j, 0], scr.to_bias[j, 1]
+
+
+@uncounted
+def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_nis, out_y, out_seen, out_states):
     """Advance the bank over n samples; every out array is filled and `state` updated in place.
 
     t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the
     sample [rad/s]; theta (n,) deg; z (n, 3); active (n,) whether a sample counts as evidence.
-    out_mu (n, m) log probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4).
+    out_mu (n, m) probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4).
     """
     m, n = state.x.shape
-    x, P, bias = state.x.copy(), state.P.copy(), state.bias.copy()
-    M, mixed_dt = np.eye(m), -1.0
-    p = b.parameters.copy()
-    y, seen = np.empty((m, 3)), np.empty((m, 3))
-    log_density, log_c = np.empty(m), np.empty(m)
-    g, F, T, H, work = np.zeros((m, 3, n)), np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 3)), np.zeros((2, n))
+    mixed_dt, before = -1.0, state.t[0]
+    entry, creep = tune.bias_entry * tune.bias_entry, tune.bias_diffusion * tune.bias_diffusion
     for j in range(m):
-        g[j, 1, 0] = -1.0
+        scr.mu[j] = math.exp(state.log_mu[j])
     for k in range(t.size):
-        dt = t[k] - state.t[0]
+        dt = t[k] - before
         first = dt != dt
+        before = t[k]
         mixing = active[k] and not first
         if mixing:
             if abs(dt - mixed_dt) > 1e-9 * dt:
-                tr.mode_transition(b.rates, dt, M)
+                tr.mode_transition(b.rates, dt, scr.M, scr.square)
                 mixed_dt = dt
-            _mix(state, b, M, tune, x, P, bias, log_c)
-        else:
-            x[:, :] = state.x
-            P[:, :, :] = state.P
-            bias[:, :] = state.bias
+            _mix(b, entry, scr.M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.log_c)
+            _copy_back(m, n, state, scr)
         for j in range(m):
-            at, failed, base = b.layout[j], b.failed[j], b.parameters[j]
             if not first:
-                _predict(
-                    at, b.diffusion[j], base, p[j], x[j], P[j], state.slow[j], dt, interval[k], w_cmd[k], theta[k], g[j], F, T
-                )
-                if failed >= 0:
-                    bias[j, 1] += tune.bias_diffusion * tune.bias_diffusion * b.noise[failed] * dt
-            log_density[j], out_nis[k, j] = _update(
-                at, failed, b.noise, base, p[j], x[j], P[j], state.slow[j], bias[j], z[k], state.z, state.predicted[j],
-                state.glitches[j], w_cmd[k], theta[k], tune, y[j], H, seen[j], work,
+                _predict(j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], scr.g, scr.F, scr.T)
+                if b.failed[j] >= 0:
+                    state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
+            scr.log_density[j], out_nis[k, j] = _update(
+                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.work,
             )  # fmt: skip
-        if active[k] and not first:
-            state.log_mu[:] = log_c + log_density
-            _normalise(state.log_mu)
-        state.x[:, :] = x
-        state.P[:, :, :] = P
-        state.bias[:, :] = bias
-        state.predicted[:, :] = y
-        state.t[0] = t[k]
+        if mixing:
+            _posterior(state.log_mu, scr.log_c, scr.log_density, scr.mu)
+        best = 0
+        for j in range(m):
+            out_mu[k, j] = scr.mu[j]
+            if scr.mu[j] > scr.mu[best]:
+                best = j
+            for c in range(3):
+                out_y[k, j, c] = scr.y[j, c]
+                state.predicted[j, c] = scr.y[j, c]
         for c in range(3):
+            out_seen[k, c] = scr.seen[best, c]
+            out_states[k, c] = state.x[best, c]
             if z[k, c] == z[k, c]:
                 state.z[c] = z[k, c]
-        best = int(np.argmax(state.log_mu))
-        out_mu[k] = state.log_mu
-        out_y[k] = y
-        out_seen[k] = seen[best]
-        out_states[k, :3] = state.x[best, :3]
         out_states[k, 3] = w_cmd[k]
+    state.t[0] = before
 
 
 class Bank:
@@ -323,6 +375,7 @@ class Bank:
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
         self.arrays = arrays(self.hypotheses, rig, settings)
         self.tuning = tuning(settings)
+        self.scratch = scratch(self.arrays)
         self.state: BankState | None = None
         self.commands = CommandStream(rig.model, settings.substep_s)
 
@@ -332,11 +385,19 @@ class Bank:
         if self.state is None:
             self.state = start(self.hypotheses, self.arrays, first_readings(log.z), w_cmd[0])
         n, m = log.t.size, len(self.hypotheses)
-        active = (log.w_cmd != 0.0) | (interval[:, 0] != 0.0)
-        log_mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
+        active = under_way(interval, w_cmd)
+        mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
         seen, states = np.empty((n, 3)), np.empty((n, 4))
-        run(self.arrays, self.tuning, self.state, log.t, interval, w_cmd, log.pitch, log.z, active, log_mu, nis, y, seen, states)
-        return Estimate(log.t, tuple(h.name for h in self.hypotheses), np.exp(log_mu), nis, y, seen, states, active)
+        run(self.arrays, self.tuning, self.state, self.scratch, log.t, interval, w_cmd, log.pitch, log.z, active, mu, nis, y, seen, states)
+        return Estimate(log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active)
+
+
+def under_way(interval: Array, w_cmd: Array) -> NDArray[np.bool_]:
+    """Whether each sample counts as evidence, (n,): the motor is commanded to turn and is not being stopped.
+
+    A stop and the rest after it say little about the move that ended and must not overturn its verdict.
+    """
+    return (w_cmd != 0.0) & (np.abs(w_cmd) >= np.abs(interval[:, 0]) * (1.0 - 1e-9))
 
 
 def first_readings(z: Array) -> Array:

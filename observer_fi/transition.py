@@ -3,6 +3,8 @@
 Both engines (`observers.py` on filterpy, `kernels.py` compiled) call these functions; nothing else knows how the
 states of a hypothesis enter the equations of `actuator.py`.
 
+Functions take the arrays of a whole bank and the row j of a hypothesis: a slice costs more than an equation.
+
 A state vector starts with w [rad/s], I [rad], x [m]; the rest is given by `kinds`, one code a state: D_STATE the
 indentation of a stop [m], TORQUE, VOLTAGE and RATE the free disturbances of "none of these" [N m, V, m/s], and
 SCALE + k a factor on parameter k of the equations, 1 in the mean.
@@ -16,7 +18,7 @@ import math
 import numpy as np
 
 from observer_fi import actuator as a
-from observer_fi.compiled import compiled, inlined
+from observer_fi.compiled import inlined
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, VOLTAGE, RATE = range(7)
 SCALE = 16
@@ -45,21 +47,21 @@ def layout(kinds: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def with_scales(x, at, base, p):
-    """Parameters of this hypothesis: p becomes base with every scaled parameter multiplied by its state."""
-    if at[AT_A] >= 0:
-        p[a.A] = base[a.A] * x[at[AT_A]]
-    if at[AT_B] >= 0:
-        p[a.B] = base[a.B] * x[at[AT_B]]
-    if at[AT_LOOSE] >= 0:
-        p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * x[at[AT_LOOSE]]
-    if at[AT_C] >= 0:
-        p[a.C] = base[a.C] * x[at[AT_C]]
-    if at[AT_E] >= 0:
-        p[a.E] = base[a.E] * x[at[AT_E]]
-    if at[AT_J] >= 0:
-        p[a.J] = base[a.J] * x[at[AT_J]]
-        p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * x[at[AT_J]]
+def load_parameters(j, x, at, base, p):
+    """Parameters of hypothesis j into p (VECTOR_SIZE,): the base's two switches and every factor in the state.
+
+    All hypotheses of a bank share the other parameters, which p holds already.
+    """
+    p[a.COUPLING] = base[j, a.COUPLING]
+    p[a.CONTACT] = base[j, a.CONTACT]
+    p[a.A] = base[j, a.A] * (x[j, at[j, AT_A]] if at[j, AT_A] >= 0 else 1.0)
+    p[a.B] = base[j, a.B] * (x[j, at[j, AT_B]] if at[j, AT_B] >= 0 else 1.0)
+    p[a.A_DECOUPLED] = base[j, a.A_DECOUPLED] * (x[j, at[j, AT_LOOSE]] if at[j, AT_LOOSE] >= 0 else 1.0)
+    p[a.C] = base[j, a.C] * (x[j, at[j, AT_C]] if at[j, AT_C] >= 0 else 1.0)
+    p[a.E] = base[j, a.E] * (x[j, at[j, AT_E]] if at[j, AT_E] >= 0 else 1.0)
+    factor = x[j, at[j, AT_J]] if at[j, AT_J] >= 0 else 1.0
+    p[a.J] = base[j, a.J] * factor
+    p[a.J_DECOUPLED] = base[j, a.J_DECOUPLED] * factor
 
 
 @inlined
@@ -82,14 +84,14 @@ def _rates(s, w, I, x, d, phi, h, sag, c, w_cmd, theta, torque, rate, p):
 
 
 @inlined
-def _slide(s, w, I, x, d, slow, t, c0, mean, theta, torque, rate, p):
+def _slide(j, s, w, I, x, d, slow, t, c0, mean, theta, torque, rate, p):
     """Midpoint rule over (w, I, x, d) with the sign of motion s held; `mean` is the mean command over the step.
 
     At 0.7 ms and 22 Hz its error is 2e-4 of a step's change, far below the noise; docs/decisions has the comparison.
     """
     on = 1.0 if p[a.CONTACT] != 0.0 else 0.0
     half = 0.5 * t
-    phi, h, sag, c = slow[PHI], slow[H], slow[SAG], slow[LAGGED]
+    phi, h, sag, c = slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
     w1, I1, x1 = _rates(s, w, I, x, d, phi, h, sag, c, c0, theta, torque, rate, p)
     w2, I2, x2 = _rates(
         s, w + half * w1, I + half * I1, x + half * x1, d + on * half * x1, phi + half * w, h, sag, c, mean, theta, torque, rate, p
@@ -98,10 +100,10 @@ def _slide(s, w, I, x, d, slow, t, c0, mean, theta, torque, rate, p):
 
 
 @inlined
-def _breakaway(I, x, d, slow, w_cmd, theta, torque, p):
+def _breakaway(j, I, x, d, slow, w_cmd, theta, torque, p):
     """Sign in which the drive overcomes friction at rest; 0 where friction holds."""
-    i = _current(0.0, I, slow[LAGGED], slow[H], slow[SAG], w_cmd, p)
-    push = p[a.KM] * i - a.load_torque(0.0, x, d, slow[PHI], theta, p) - torque
+    i = _current(0.0, I, slow[j, LAGGED], slow[j, H], slow[j, SAG], w_cmd, p)
+    push = p[a.KM] * i - a.load_torque(0.0, x, d, slow[j, PHI], theta, p) - torque
     hold = a.friction(0.0, x, theta, p)
     if push > hold + p[a.FRICTION_ASYMMETRY]:
         return 1.0
@@ -111,34 +113,35 @@ def _breakaway(I, x, d, slow, w_cmd, theta, torque, p):
 
 
 @inlined
-def _advance_slow(w0, w1, I, t, w_cmd, slow, p):
-    slow[PHI] += 0.5 * t * (w0 + w1)
+def _advance_slow(j, w0, w1, I, t, w_cmd, slow, p):
+    slow[j, PHI] += 0.5 * t * (w0 + w1)
     if p[a.EXTENDED] == 0.0:
         return
-    i = _current(w1, I, slow[LAGGED], slow[H], slow[SAG], w_cmd, p)
-    slow[H] += t * a.heating(i, slow[H], p)
-    slow[SAG] += t * a.sagging(i, slow[SAG], p)
+    i = _current(w1, I, slow[j, LAGGED], slow[j, H], slow[j, SAG], w_cmd, p)
+    slow[j, H] += t * a.heating(i, slow[j, H], p)
+    slow[j, SAG] += t * a.sagging(i, slow[j, SAG], p)
     if p[a.CURRENT_LAG] > 0.0:
         goal = a.command_current(w1, I, w_cmd, p)
-        slow[LAGGED] = goal + (slow[LAGGED] - goal) * math.exp(-t / p[a.CURRENT_LAG])
+        slow[j, LAGGED] = goal + (slow[j, LAGGED] - goal) * math.exp(-t / p[a.CURRENT_LAG])
 
 
 @inlined
-def propagate(x, at, slow, t, commands, last, theta, p):
-    """Mean of the state a sample later; x and slow are overwritten. True where the motor rests at the end.
+def propagate(j, x, at, slow, t, interval, row, last, theta, p):
+    """Mean of state j a sample later; rows j of x and slow are overwritten. True where the motor rests at the end.
 
-    x: (n,) with the layout `at`. t: time step [s]. commands: (2 m,) command at the half-steps [rad/s], `last` at the end.
+    x: (m, n), row j with the layout at[j]. t: time step [s]. interval (rows, 2 m): command at the half-steps in its
+    row `row`, `last` at the end [rad/s].
     """
-    w, I, pos = x[0], x[1], x[2]
-    d = x[at[AT_D]] if at[AT_D] >= 0 else 0.0
-    torque = x[at[AT_TORQUE]] if at[AT_TORQUE] >= 0 else 0.0
-    rate = x[at[AT_RATE]] if at[AT_RATE] >= 0 else 0.0
-    steps = commands.size // 2
+    w, I, pos = x[j, 0], x[j, 1], x[j, 2]
+    d = x[j, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
+    torque = x[j, at[j, AT_TORQUE]] if at[j, AT_TORQUE] >= 0 else 0.0
+    rate = x[j, at[j, AT_RATE]] if at[j, AT_RATE] >= 0 else 0.0
+    steps = interval.shape[1] // 2
     step = t / steps
     resting = False
     for m in range(steps):
-        c0, c1 = commands[2 * m], commands[2 * m + 1]
-        c2 = commands[2 * m + 2] if m + 1 < steps else last
+        c0, c1 = interval[row, 2 * m], interval[row, 2 * m + 1]
+        c2 = interval[row, 2 * m + 2] if m + 1 < steps else last
         mean = (c0 + 4.0 * c1 + c2) / 6.0
         w0, left, resting = w, step, False
         for _ in range(3):
@@ -148,13 +151,13 @@ def propagate(x, at, slow, t, commands, last, theta, p):
             elif w < 0.0:
                 s = -1.0
             else:
-                s = _breakaway(I, pos, d, slow, mean, theta, torque, p)
+                s = _breakaway(j, I, pos, d, slow, mean, theta, torque, p)
             if s == 0.0:
                 I += left * mean
                 pos += left * rate
                 resting = True
                 break
-            w1, I1, x1, d1 = _slide(s, w, I, pos, d, slow, left, c0, mean, theta, torque, rate, p)
+            w1, I1, x1, d1 = _slide(j, s, w, I, pos, d, slow, left, c0, mean, theta, torque, rate, p)
             if w1 * s >= 0.0:
                 w, I, pos, d = w1, I1, x1, d1
                 break
@@ -166,66 +169,68 @@ def propagate(x, at, slow, t, commands, last, theta, p):
             left *= 1.0 - share
             if left <= STOPS_WITHIN * step:
                 break
-        _advance_slow(w0, w, I, step, c2, slow, p)
-    x[0], x[1], x[2] = w, I, pos
-    if at[AT_D] >= 0:
-        x[at[AT_D]] = d
+        _advance_slow(j, w0, w, I, step, c2, slow, p)
+    x[j, 0], x[j, 1], x[j, 2] = w, I, pos
+    if at[j, AT_D] >= 0:
+        x[j, at[j, AT_D]] = d
     return resting
 
 
 @inlined
-def slopes(x, at, slow, w_cmd, theta, p, base, g):
+def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
     """Jacobian of (dw/dt, dI/dt, dx/dt) by the state, into g (3, n), at the state x while sliding.
 
     p: parameters with this hypothesis' factors, base: without. Friction keeps its sign; effects of the torque are
     differentiated numerically, everything else exactly. dI/dt has no entry but -1 for w, which callers know.
     """
-    w, I, pos = x[0], x[1], x[2]
-    d = x[at[AT_D]] if at[AT_D] >= 0 else 0.0
-    torque = x[at[AT_TORQUE]] if at[AT_TORQUE] >= 0 else 0.0
+    w, I, pos = x[j, 0], x[j, 1], x[j, 2]
+    d = x[j, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
+    torque = x[j, at[j, AT_TORQUE]] if at[j, AT_TORQUE] >= 0 else 0.0
     s = 1.0 if w > 0.0 else -1.0
     i_cmd = a.command_current(w, I, w_cmd, p)
-    i = a.limited_current(i_cmd, w, slow[H], slow[SAG], p)
+    i = a.limited_current(i_cmd, w, slow[j, H], slow[j, SAG], p)
     di_dw, di_dI = -p[a.KP], p[a.KI]
     if i != i_cmd:
-        di_dw, di_dI = -p[a.KM] / (p[a.RM] * (1.0 + slow[H]) + p[a.RS]), 0.0
+        di_dw, di_dI = -p[a.KM] / (p[a.RM] * (1.0 + slow[j, H]) + p[a.RS]), 0.0
     per_J = 1.0 / a.inertia(p)
-    load = a.applied_torque(s, w, pos, d, slow[PHI], theta, p) + torque
+    load = a.applied_torque(s, w, pos, d, slow[j, PHI], theta, p) + torque
     g[0, 0] = p[a.KM] * di_dw * per_J
     g[0, 1] = p[a.KM] * di_dI * per_J
-    g[0, 2] = 0.0
+    for k in range(2, at[j, SIZE]):
+        g[0, k] = 0.0
+        g[2, k] = 0.0
     if p[a.EXTENDED] != 0.0:
         dw, dp = 0.5, 1e-5
-        g[0, 0] -= (a.applied_torque(s, w + dw, pos, d, slow[PHI], theta, p) + torque - load) / dw * per_J
-        g[0, 2] -= (a.applied_torque(s, w, pos + dp, d, slow[PHI], theta, p) + torque - load) / dp * per_J
+        g[0, 0] -= (a.applied_torque(s, w + dw, pos, d, slow[j, PHI], theta, p) + torque - load) / dw * per_J
+        g[0, 2] -= (a.applied_torque(s, w, pos + dp, d, slow[j, PHI], theta, p) + torque - load) / dp * per_J
     g[2, 0] = a.mass_speed(1.0, d, load, p)
-    if at[AT_A] >= 0:
-        g[0, at[AT_A]] = -p[a.COUPLING] * s * base[a.A] * per_J
-    if at[AT_B] >= 0:
-        g[0, at[AT_B]] = -p[a.COUPLING] * base[a.B] * theta * per_J
-    if at[AT_LOOSE] >= 0:
-        g[0, at[AT_LOOSE]] = -(1.0 - p[a.COUPLING]) * s * base[a.A_DECOUPLED] * per_J
-    if at[AT_J] >= 0:
-        g[0, at[AT_J]] = -(p[a.KM] * i - load) * per_J / x[at[AT_J]]
-    if at[AT_D] >= 0:
-        g[0, at[AT_D]] = -2.0 * p[a.C] * abs(d) * per_J
-    if at[AT_C] >= 0:
-        g[0, at[AT_C]] = -a.stop_torque(w, d, p) * per_J / x[at[AT_C]]
-    if at[AT_E] >= 0:
-        g[2, at[AT_E]] = -p[a.COUPLING] * p[a.D] * w * base[a.E]
-    if at[AT_TORQUE] >= 0:
-        g[0, at[AT_TORQUE]] = -per_J
-    if at[AT_RATE] >= 0:
-        g[2, at[AT_RATE]] = 1.0
+    if at[j, AT_A] >= 0:
+        g[0, at[j, AT_A]] = -p[a.COUPLING] * s * base[j, a.A] * per_J
+    if at[j, AT_B] >= 0:
+        g[0, at[j, AT_B]] = -p[a.COUPLING] * base[j, a.B] * theta * per_J
+    if at[j, AT_LOOSE] >= 0:
+        g[0, at[j, AT_LOOSE]] = -(1.0 - p[a.COUPLING]) * s * base[j, a.A_DECOUPLED] * per_J
+    if at[j, AT_J] >= 0:
+        g[0, at[j, AT_J]] = -(p[a.KM] * i - load) * per_J / x[j, at[j, AT_J]]
+    if at[j, AT_D] >= 0:
+        g[0, at[j, AT_D]] = -2.0 * p[a.C] * abs(d) * per_J
+    if at[j, AT_C] >= 0:
+        g[0, at[j, AT_C]] = -a.stop_torque(w, d, p) * per_J / x[j, at[j, AT_C]]
+    if at[j, AT_E] >= 0:
+        g[2, at[j, AT_E]] = -p[a.COUPLING] * p[a.D] * w * base[j, a.E]
+    if at[j, AT_TORQUE] >= 0:
+        g[0, at[j, AT_TORQUE]] = -per_J
+    if at[j, AT_RATE] >= 0:
+        g[2, at[j, AT_RATE]] = 1.0
 
 
 @inlined
-def transition(at, g, t, resting, F):
+def transition(j, at, g, t, resting, F):
     """Rows of the discrete transition matrix for w, I, x and, where there is one, d, into F (4, n): I + g t + (g t)^2 / 2.
 
     d moves with x. A motor that rests forgets its speed, and nothing else moves.
     """
-    n = at[SIZE]
+    n = at[j, SIZE]
     if resting:
         for k in range(n):
             F[0, k] = 0.0
@@ -234,11 +239,11 @@ def transition(at, g, t, resting, F):
             F[3, k] = 0.0
         F[1, 1] = 1.0
         F[2, 2] = 1.0
-        if at[AT_D] >= 0:
-            F[3, at[AT_D]] = 1.0
+        if at[j, AT_D] >= 0:
+            F[3, at[j, AT_D]] = 1.0
         return
     half = 0.5 * t * t
-    by_d = g[0, at[AT_D]] if at[AT_D] >= 0 else 0.0
+    by_d = g[0, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
     for k in range(n):
         torque = g[0, k]
         F[0, k] = t * torque + half * (g[0, 0] * torque + (g[0, 2] + by_d) * g[2, k])
@@ -248,40 +253,40 @@ def transition(at, g, t, resting, F):
     F[1, 0] -= t
     F[1, 1] += 1.0
     F[2, 2] += 1.0
-    if at[AT_D] >= 0:
+    if at[j, AT_D] >= 0:
         for k in range(n):
             F[3, k] = F[2, k]
         F[3, 2] -= 1.0
-        F[3, at[AT_D]] += 1.0
+        F[3, at[j, AT_D]] += 1.0
 
 
 @inlined
-def channels(x, at, slow, w_cmd, theta, p, y, H):
-    """Predicted voltage, current, position, into y (3,), and their slopes by w, I and x, into H (3, 3).
+def channels(j, x, at, slow, w_cmd, theta, p, y, H):
+    """Predicted voltage, current, position, into y (m, 3) row j, and their slopes by w, I and x, into H (3, 3).
 
     Equation 15 for the voltage, equation 6 for the current. A free VOLTAGE state adds to the voltage with slope 1.
     """
-    w, I = x[0], x[1]
+    w, I = x[j, 0], x[j, 1]
     i_cmd = a.command_current(w, I, w_cmd, p)
     if p[a.EXTENDED] != 0.0 and p[a.CURRENT_LAG] > 0.0:
-        i_cmd = slow[LAGGED]
-    i = a.limited_current(i_cmd, w, slow[1], slow[SAG], p)
-    resistance = p[a.RM] * (1.0 + slow[1])
+        i_cmd = slow[j, LAGGED]
+    i = a.limited_current(i_cmd, w, slow[j, 1], slow[j, SAG], p)
+    resistance = p[a.RM] * (1.0 + slow[j, 1])
     di_dw, di_dI = -p[a.KP], p[a.KI]
     if i != i_cmd:
         di_dw, di_dI = -p[a.KM] / (resistance + p[a.RS]), 0.0
-    y[0] = a.terminal_voltage(i, w, slow[1], p)
-    y[1] = i
-    y[2] = x[2]
+    y[j, 0] = a.terminal_voltage(i, w, slow[j, 1], p)
+    y[j, 1] = i
+    y[j, 2] = x[j, 2]
     gain, lag = 1.0, 0.0
     if p[a.EXTENDED] != 0.0:
-        y[0] += p[a.VOLTAGE_OFFSET]
-        y[1] = a.current_reading(i, p)
+        y[j, 0] += p[a.VOLTAGE_OFFSET]
+        y[j, 1] = a.current_reading(i, p)
         gain = p[a.CURRENT_GAIN]
-        y[2] = a.position_reading(x[2], a.mass_speed(w, 0.0, 0.0, p), p)
+        y[j, 2] = a.position_reading(x[j, 2], a.mass_speed(w, 0.0, 0.0, p), p)
         lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
-    if at[AT_VOLTAGE] >= 0:
-        y[0] += x[at[AT_VOLTAGE]]
+    if at[j, AT_VOLTAGE] >= 0:
+        y[j, 0] += x[j, at[j, AT_VOLTAGE]]
     H[0, 0] = resistance * di_dw + p[a.KM]
     H[0, 1] = resistance * di_dI
     H[0, 2] = 0.0
@@ -303,15 +308,15 @@ def log_normal(e, S):
 
 
 @inlined
-def failed_channel(z, previous, y, spread, sigma, bias, tuning):
-    """Log-density of a channel that has failed, and the update of its bias; bias (2,) mean and variance in place.
+def failed_channel(j, z, previous, y, spread, sigma, bias, tuning):
+    """Log-density of a channel that has failed, and the update of its bias; bias (m, 2) mean and variance, row j in place.
 
     z, previous: reading now and a sample ago; y: what the state predicts, with variance `spread`; sigma: the channel's
     noise. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of
     repeating, its scale in sigma, weight of noise, its scale in sigma).
     """
-    S = spread + bias[1] + sigma * sigma
-    e = z - y - bias[0]
+    S = spread + bias[j, 1] + sigma * sigma
+    e = z - y - bias[j, 0]
     wide = tuning[3] * sigma
     off = math.log(1.0 - tuning[0] - tuning[2]) + log_normal(e, S)
     noisy = math.log(tuning[2]) + log_normal(e, S + wide * wide)
@@ -319,15 +324,29 @@ def failed_channel(z, previous, y, spread, sigma, bias, tuning):
     top = max(off, noisy, still)
     total = math.exp(off - top) + math.exp(noisy - top) + math.exp(still - top)
     trust = 1.0 - math.exp(noisy - top) / total
-    gain = bias[1] / S
-    bias[0] += trust * gain * e
-    bias[1] *= 1.0 - trust * gain
+    gain = bias[j, 1] / S
+    bias[j, 0] += trust * gain * e
+    bias[j, 1] *= 1.0 - trust * gain
     return top + math.log(total)
 
 
-@compiled
-def mode_transition(rates, t, M):
-    """Transition matrix expm(rates t) of the mode process, into M (m, m), by scaling and squaring a Taylor series."""
+@inlined
+def _times(A, B, scale, out):
+    m = A.shape[0]
+    for r in range(m):
+        for c in range(m):
+            total = 0.0
+            for k in range(m):
+                total += A[r, k] * B[k, c]
+            out[r, c] = scale * total
+
+
+@inlined
+def mode_transition(rates, t, M, work):
+    """Transition matrix expm(rates t) of the mode process, into M (m, m), by scaling and squaring a Taylor series.
+
+    work (2, m, m): scratch.
+    """
     m = rates.shape[0]
     size = 0.0
     for j in range(m):
@@ -336,11 +355,20 @@ def mode_transition(rates, t, M):
     while size > 0.1:
         size *= 0.5
         halvings += 1
-    A = rates * (t / 2.0**halvings)
-    term = np.eye(m)
-    M[:, :] = term
-    for k in range(1, 8):
-        term = term @ A / k
-        M += term
+    part = t / 2.0**halvings
+    term, product = work[0], work[1]
+    for r in range(m):
+        for c in range(m):
+            term[r, c] = 1.0 if r == c else 0.0
+            M[r, c] = term[r, c]
+    for k in range(1, 9):
+        _times(term, rates, part / k, product)
+        for r in range(m):
+            for c in range(m):
+                term[r, c] = product[r, c]
+                M[r, c] += term[r, c]
     for _ in range(halvings):
-        M[:, :] = M @ M
+        _times(M, M, 1.0, product)
+        for r in range(m):
+            for c in range(m):
+                M[r, c] = product[r, c]
