@@ -55,7 +55,7 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
         Hypothesis("coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *loose, *inertia)),
     ]
     if settings.unknown:
-        free = ("torque", "voltage", "rate")
+        free = ("torque", "rate")
         named.append(Hypothesis("unknown", "unknown", plant, (*motion, *inertia, *free)))
     if settings.sensors:
         named += [Hypothesis(f"sensor:{c}", "sensor_fault", plant, nominal, k) for k, c in enumerate(CHANNELS)]

@@ -46,6 +46,7 @@ class Tuning(NamedTuple):
     """Numbers of BankSettings that the loop needs, as scalars and small arrays."""
 
     timing: float
+    agility: float
     bias_entry: float
     bias_diffusion: float
     failed: Array
@@ -57,7 +58,7 @@ def tuning(settings: BankSettings) -> Tuning:
     """The loop's numbers from the settings."""
     failed = np.array([settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale])
     return Tuning(
-        settings.timing, settings.bias_entry, settings.bias_diffusion, failed, settings.glitch_sigma, float(settings.glitch_samples)
+        settings.timing, settings.agility, settings.bias_entry, settings.bias_diffusion, failed, settings.glitch_sigma, float(settings.glitch_samples)
     )
 
 
@@ -143,11 +144,12 @@ def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
 
 
 @inlined
-def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, g, F, T):
+def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, T):
     """Mean and covariance of hypothesis j a sample later: rows j of x, P, slow in place. g (3, n), F, T (4, n): scratch."""
     n, at_d = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D]
     tr.load_parameters(j, x, b.layout, b.parameters, p)
     tr.slopes(j, x, b.layout, slow, interval[row, 0], theta, p, b.parameters, g)
+    w_before = x[j, 0]
     resting = tr.propagate(j, x, b.layout, slow, t, interval, row, last, theta, p)
     tr.transition(j, b.layout, g, t, resting, F)
     rows = 4 if at_d >= 0 else 3
@@ -175,6 +177,8 @@ def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, g, F, T):
             P[j, onto, to] = total
     for k in range(n):
         P[j, k, k] += b.diffusion[j, k] * t
+    change = agility * (x[j, 0] - w_before)
+    P[j, 0, 0] += change * change
     if resting:
         P[j, 0, 0] = REST_VARIANCE
 
@@ -340,7 +344,7 @@ def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_n
             _copy_back(m, n, state, scr)
         for j in range(m):
             if not first:
-                _predict(j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], scr.g, scr.F, scr.T)
+                _predict(j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.g, scr.F, scr.T)
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
             scr.log_density[j], out_nis[k, j] = _update(

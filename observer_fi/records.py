@@ -178,14 +178,48 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Traces:
+    """What is drawn: the whole log decimated with its extremes kept, or every sample around an onset (k points).
+
+    t (k,); z (k, 3); w (k,) measured speed of equation 16; w_cmd, pitch (k,); probability (k, m); predicted (k, m, 3) and
+    w_predicted (k, m) one step ahead; norm (k, m) the residual norm of equation 19; normalised (k, 3) innovations of the
+    winner; mixture_t (q,), mixture_norm (q, 3) and mixture_predicted (q, 3, 3) of the open-loop mixture's nominal, overload
+    and coupling loss from its start on (empty where it did not run).
+    """
+
+    t: Array
+    z: Array
+    w: Array
+    w_cmd: Array
+    pitch: Array
+    probability: Array
+    predicted: Array
+    w_predicted: Array
+    norm: Array
+    normalised: Array
+    mixture_t: Array
+    mixture_norm: Array
+    mixture_predicted: Array
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """What one command has to say about one log: what `report.py` prints, or the reason why there is nothing."""
+    """What one command has to say about one log: what `report.py` prints, or the reason why there is nothing.
+
+    log: the log without its samples (t, z, w_cmd and pitch are empty; everything else is kept); samples, rate_hz and
+    duration_s of the whole log; modes: the m hypotheses in the order of the traces. overview and zoom: see Traces.
+    """
 
     name: str
     log: Log | None
+    samples: int = 0
+    rate_hz: float = float("nan")
+    duration_s: float = 0.0
+    modes: tuple[str, ...] = ()
     isolation: Isolation | None = None
     open_loop: Isolation | None = None
-    traces: dict[str, Array] = field(default_factory=dict)
+    overview: Traces | None = None
+    zoom: Traces | None = None
     explanation: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
     error: str | None = None

@@ -20,7 +20,7 @@ class BankSettings:
     recovery_rate: float = 1e-4
     between_rate: float = 1e-5
     rare: float = 0.1
-    inertia_spread: float = 0.03
+    inertia_spread: float = 0.05
     # Prior of a state that a hypothesis has and its source has not.
     entry_std: dict[str, float] = field(
         default_factory=lambda: {
@@ -36,6 +36,8 @@ class BankSettings:
     wander: dict[str, float] = field(default_factory=lambda: {"A": 0.01})
     # Timing of a sampled servo, as a share of the sample-to-sample change of a channel.
     timing: float = 0.1
+    # Speed lost or won in a sample that parameters outside the state (gains, supply, winding) put in doubt, as a share.
+    agility: float = 0.05
     # A failed channel is off by a bias (relative to its noise on entry), repeats itself, or is noisy.
     bias_entry: float = 300.0
     bias_diffusion: float = 30.0
