@@ -1,0 +1,251 @@
+"""Open-loop run of the plant with real stick-slip, and what the sensors show of it.
+
+The motion between two samples is integrated by RK4 with the sign of friction held; a step in which the speed passes
+zero is cut there, and the plant then stays at rest while friction can hold it (Karnopp). Slow states (winding
+temperature, supply sag) move once a step. Backlash is a play between the screw and the mass.
+"""
+
+import math
+
+from observer_fi import actuator as a
+from observer_fi.compiled import compiled, inlined
+
+STATES = ("w", "I", "x", "phi", "h", "sag", "c", "mass")
+W, I, X, PHI, H, SAG, LAGGED, MASS = range(len(STATES))
+CURRENT = len(STATES)  # column of the motor current in the output of `run`
+COLUMNS = CURRENT + 1
+_LAG_STEP = 1.5  # RK4 is stable up to 2.8 time constants of the current lag in one step
+_MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval cannot be simulated
+
+
+@inlined
+def _drive_current(w, I, c, h, sag, late, torque, moving, p):
+    """Motor current of equation 6, through the lag or the delay of the servo where there is one [A].
+
+    late: the command as the proportional path sees it [rad/s]. torque: applied torque, used while moving [N m].
+    """
+    i_cmd = c
+    if p[a.EXTENDED] == 0.0 or p[a.CURRENT_LAG] == 0.0:
+        i_cmd = a.command_current(w, I, late, p)
+        if moving and p[a.SERVO_DELAY] != 0.0:
+            i_cmd = a.late_current(i_cmd, torque, p)
+    return a.limited_current(i_cmd, w, h, sag, p)
+
+
+@inlined
+def _rates(s, w, I, x, phi, h, sag, c, w_cmd, late, theta, p):
+    """Rates of (w, I, x, c) for the sign of motion s: equations 8, 10, 12 and the lag of the inner loop."""
+    d = a.indentation(x, p)
+    torque = a.applied_torque(s, w, x, d, phi, theta, p)
+    i = _drive_current(w, I, c, h, sag, late, torque, True, p)
+    dI = w_cmd - w
+    dc = 0.0
+    if p[a.EXTENDED] != 0.0:
+        if abs(I) >= p[a.INTEGRATOR_LIMIT] and dI * I > 0.0:
+            dI = 0.0
+        if p[a.CURRENT_LAG] > 0.0:
+            dc = (a.command_current(w, I, late, p) - c) / p[a.CURRENT_LAG]
+    return a.acceleration(i, torque, p), dI, a.mass_speed(w, d, torque, p), dc
+
+
+@inlined
+def _slide(s, w, I, x, phi, h, sag, c, t, c0, c1, c2, l0, l1, l2, theta, p):
+    """One RK4 step of length t with the sign s. c0, c1, c2: command at start, middle, end; l0, l1, l2: late command."""
+    u = 0.5 * t
+    w0, I0, x0, q0 = _rates(s, w, I, x, phi, h, sag, c, c0, l0, theta, p)
+    wa = w + u * w0
+    w1, I1, x1, q1 = _rates(s, wa, I + u * I0, x + u * x0, phi + u * w, h, sag, c + u * q0, c1, l1, theta, p)
+    wb = w + u * w1
+    w2, I2, x2, q2 = _rates(s, wb, I + u * I1, x + u * x1, phi + u * wa, h, sag, c + u * q1, c1, l1, theta, p)
+    wc = w + t * w2
+    w3, I3, x3, q3 = _rates(s, wc, I + t * I2, x + t * x2, phi + t * wb, h, sag, c + t * q2, c2, l2, theta, p)
+    v = t / 6.0
+    return (
+        w + v * (w0 + 2.0 * (w1 + w2) + w3),
+        I + v * (I0 + 2.0 * (I1 + I2) + I3),
+        x + v * (x0 + 2.0 * (x1 + x2) + x3),
+        phi + v * (w + 2.0 * (wa + wb) + wc),
+        c + v * (q0 + 2.0 * (q1 + q2) + q3),
+    )
+
+
+@inlined
+def _breakaway(I, x, phi, h, sag, c, late, theta, p):
+    """Sign in which the drive torque overcomes friction at rest, 0 where friction holds."""
+    i = _drive_current(0.0, I, c, h, sag, late, 0.0, False, p)
+    push = p[a.KM] * i - a.load_torque(0.0, x, a.indentation(x, p), phi, theta, p)
+    hold = a.friction(0.0, x, theta, p)
+    asymmetry = p[a.FRICTION_ASYMMETRY]
+    if push > hold + asymmetry:
+        return 1.0
+    if push < -hold + asymmetry:
+        return -1.0
+    return 0.0
+
+
+@inlined
+def _rest(I, c, t, w_cmd, late, p):
+    """Integral and lagged current after a time t at standstill."""
+    if p[a.EXTENDED] == 0.0:
+        return I + t * w_cmd, c
+    if not (abs(I) >= p[a.INTEGRATOR_LIMIT] and w_cmd * I > 0.0):
+        I += t * w_cmd
+    if p[a.CURRENT_LAG] > 0.0:
+        goal = a.command_current(0.0, I, late, p)
+        c = goal + (c - goal) * math.exp(-t / p[a.CURRENT_LAG])
+    return I, c
+
+
+@inlined
+def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
+    """One step of the plant with stick-slip: (w, I, x, phi, c) at its end."""
+    left = step
+    for _ in range(4):
+        s = 0.0
+        if w > 0.0:
+            s = 1.0
+        elif w < 0.0:
+            s = -1.0
+        else:
+            s = _breakaway(I, x, phi, h, sag, c, l1, theta, p)
+        if s == 0.0:
+            I, c = _rest(I, c, left, c1, l1, p)
+            break
+        f = 1.0 - left / step
+        w1, I1, x1, phi1, q1 = _slide(
+            s, w, I, x, phi, h, sag, c, left, c0 + (c2 - c0) * f, c1, c2, l0 + (l2 - l0) * f, l1, l2, theta, p
+        )
+        if w1 * s >= 0.0:
+            return w1, I1, x1, phi1, q1
+        share = w / (w - w1) if w != 0.0 else 0.0
+        I += share * (I1 - I)
+        x += share * (x1 - x)
+        phi += share * (phi1 - phi)
+        c += share * (q1 - c)
+        w = 0.0
+        left *= 1.0 - share
+        if left <= 1e-9 * step:
+            break
+        if share == 0.0:
+            I, c = _rest(I, c, left, c1, l1, p)
+            break
+    return w, I, x, phi, c
+
+
+@compiled
+def run(t, commands, late, fine, theta, p, start, out):
+    """States at every sample time, open loop from `start`.
+
+    t: (n,) s. commands, late: (n, 4) the command, and the command as the proportional path sees it, at the quarters
+    of the interval from each sample on [rad/s]. fine: (n,) whether that interval needs two steps. theta: (n,) deg.
+    p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 9), the states and the motor current.
+    """
+    n = t.size
+    w, I, x, phi = start[0], start[1], start[2], start[3]
+    h, sag, c, mass = start[4], start[5], start[6], start[7]
+    half_gap = 0.5 * p[a.BACKLASH]
+    extended = p[a.EXTENDED] != 0.0
+    for j in range(n):
+        low = sag + p[a.SUPPLY_DRIFT] * t[j] if extended else 0.0
+        torque = a.applied_torque(math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
+        i = _drive_current(w, I, c, h, low, late[j, 0], torque, w != 0.0, p)
+        out[j, 0], out[j, 1], out[j, 2], out[j, 3] = w, I, x, phi
+        out[j, 4], out[j, 5], out[j, 6], out[j, 7], out[j, 8] = h, sag, c, mass, i
+        if j + 1 == n:
+            break
+        dt = t[j + 1] - t[j]
+        end, late_end = commands[j + 1, 0], late[j + 1, 0]
+        if extended and p[a.CURRENT_LAG] > 0.0:
+            pieces = min(max(2, math.ceil(dt / (_LAG_STEP * p[a.CURRENT_LAG]))), _MOST_PIECES)
+            c0, l0 = commands[j, 0], late[j, 0]
+            for m in range(pieces):
+                c1 = _within(commands, j, end, (m + 0.5) / pieces)
+                c2 = _within(commands, j, end, (m + 1.0) / pieces)
+                l1 = _within(late, j, late_end, (m + 0.5) / pieces)
+                l2 = _within(late, j, late_end, (m + 1.0) / pieces)
+                w, I, x, phi, c = _advance(
+                    w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
+                )
+                c0, l0 = c2, l2
+        elif fine[j]:
+            u = 0.5 * dt
+            w, I, x, phi, c = _advance(
+                w, I, x, phi, h, low, c, u, commands[j, 0], commands[j, 1], commands[j, 2],
+                late[j, 0], late[j, 1], late[j, 2], theta[j], p,
+            )  # fmt: skip
+            w, I, x, phi, c = _advance(
+                w, I, x, phi, h, low, c, u, commands[j, 2], commands[j, 3], end,
+                late[j, 2], late[j, 3], late_end, theta[j], p,
+            )  # fmt: skip
+        else:
+            w, I, x, phi, c = _advance(
+                w, I, x, phi, h, low, c, dt, commands[j, 0], commands[j, 2], end,
+                late[j, 0], late[j, 2], late_end, theta[j], p,
+            )  # fmt: skip
+        if extended:
+            h += dt * a.heating(i, h, p)
+            if p[a.SAG_RESISTANCE] != 0.0:
+                goal = p[a.SAG_RESISTANCE] * abs(i)
+                sag = goal + (sag - goal) * math.exp(-dt / p[a.SAG_TIME])
+        mass = min(max(mass, x - half_gap), x + half_gap)
+
+
+@inlined
+def _within(commands, j, end, share):
+    """Command at a share of the interval from sample j on, linear between its quarters [rad/s]."""
+    at = 4.0 * share
+    k = min(int(at), 3)
+    right = commands[j, k + 1] if k < 3 else end
+    return commands[j, k] + (at - k) * (right - commands[j, k])
+
+
+@compiled
+def readings(t, states, p, out):
+    """What the sensors show: voltage [V], current [A], position [m], with their delays, lags, gains and offsets.
+
+    t: (n,) s. states: (n, 9) from `run`. out: (n, 3). Lags and delays are exact for signals linear between samples.
+    """
+    n = t.size
+    extended = p[a.EXTENDED] != 0.0
+    seen = states[0, 7]
+    for j in range(n):
+        i = states[j, 8]
+        out[j, 0] = a.terminal_voltage(i, states[j, 0], states[j, 4], p)
+        out[j, 1] = a.current_reading(i, p) if extended else i
+        out[j, 2] = states[j, 7]
+    if not extended:
+        return
+    if p[a.POSITION_LAG] > 0.0:
+        for j in range(1, n):
+            dt = t[j] - t[j - 1]
+            slope = (states[j, 7] - states[j - 1, 7]) / dt
+            keep = math.exp(-dt / p[a.POSITION_LAG])
+            seen = (
+                states[j, 7]
+                - slope * p[a.POSITION_LAG]
+                + keep * (seen - states[j - 1, 7] + slope * p[a.POSITION_LAG])
+            )
+            out[j, 2] = seen
+    if p[a.POSITION_DELAY] != 0.0:
+        _delay(t, out[:, 2], p[a.POSITION_DELAY])
+    for j in range(n):
+        out[j, 2] = a.shown_position(out[j, 2], p)
+    if p[a.VOLTAGE_DELAY] != 0.0:
+        _delay(t, out[:, 0], p[a.VOLTAGE_DELAY])
+    for j in range(n):
+        out[j, 0] += p[a.VOLTAGE_OFFSET]
+
+
+@compiled
+def _delay(t, y, delay):
+    """y(t - delay) in place, linear between samples, constant before the first."""
+    k = t.size - 1
+    for j in range(t.size - 1, -1, -1):
+        at = t[j] - delay
+        k = min(k, j)
+        while k > 0 and t[k] > at:
+            k -= 1
+        if t[k] > at:
+            y[j] = y[0]
+        elif k + 1 < t.size:
+            y[j] = y[k] + (at - t[k]) / (t[k + 1] - t[k]) * (y[k + 1] - y[k])
