@@ -2,8 +2,8 @@
 
 From the detection on, the nominal, overload and coupling-loss models are propagated without looking at the
 data; the overload model starts at its point of contact, x_c = x. The residuals are those of equation 14, in
-current, position and speed, their scalar that of equation 19 with a constant diagonal covariance. The result is
-an Estimate, so that the decision rule of the bank judges the mixture as well.
+current, position and speed, their scalar that of equation 19 with a constant diagonal covariance. The result
+is an Estimate, so that the decision rule of the bank judges the mixture as well.
 """
 
 from dataclasses import dataclass, replace
@@ -28,8 +28,9 @@ _PAST_S = 0.05  # of the samples before a chunk: what the corners of the command
 class MixtureSettings:
     """The constant standard deviations of equation 19, the same for every model.
 
-    The paper does not print its values. These are the nominal residuals of healthy moves over the paper's spread
-    of rigs, with sensor noise (pipelines/compare_mixture.py); noise alone would make every model impossible.
+    The paper does not print its values. These are the nominal residuals of healthy moves over the paper's
+    spread of rigs, with sensor noise (pipelines/compare_mixture.py); noise alone would make every model
+    impossible.
     """
 
     current: float = 3e-3  # A
@@ -64,9 +65,9 @@ class Mixture:
     def advance(self, log: Log) -> Estimate:
         """Estimate of the next samples; the same whether they come whole or in chunks.
 
-        nis is the squared residual scalar of equation 19 over the channels that are there; probability that of a
-        Gaussian mixture of equal weights, so the smallest residual is the most probable; normalised the winner's
-        residuals of speed, current and position over their standard deviations.
+        nis is the squared residual scalar of equation 19 over the channels that are there; probability that
+        of a Gaussian mixture of equal weights, so the smallest residual is the most probable; normalised the
+        winner's residuals of speed, current and position over their standard deviations.
         """
         n = log.t.size
         w_cmd = np.nan_to_num(log.w_cmd)
@@ -121,7 +122,7 @@ class Mixture:
 
 
 def models(plant: Model, x: float, direction: float) -> tuple[Model, Model, Model]:
-    """The three models from a detection at x [m] in a move of this direction: a stop stands where the mass is."""
+    """The three models after a detection at x [m] in a move of this direction: the stop is there."""
     stop = {"x_stop_high": x} if direction >= 0.0 else {"x_stop_low": x}
     return plant, override(plant, "overload", **stop), coupling_loss(plant)
 
@@ -171,7 +172,7 @@ def _start(state: Array, w_cmd: float, p: Array) -> Array:
 
 
 def _commands(t: Array, w_cmd: Array, p: Array) -> tuple[Array, Array]:
-    """Command, and command as the proportional path sees it, at the quarters of the intervals, (n, 4) each."""
+    """Command, and command as the proportional path sees it, at quarters of the intervals, (n, 4) each."""
     knots, values = corners(t, w_cmd, float(p[a.ACCEL_CMD]))
     delay, late, limit = float(p[a.INPUT_DELAY]), float(p[a.SERVO_DELAY]), float(p[a.ACCEL_LIMIT])
     now = quarters(t, knots, values, delay, limit)
@@ -182,10 +183,11 @@ def _commands(t: Array, w_cmd: Array, p: Array) -> tuple[Array, Array]:
 def _judge(
     z: Array, out: Array, y: Array, p: Array, std: Array, last: Array, scaled: Array, nis: Array, mu: Array
 ) -> None:
-    """Residuals of equation 14 over std (n, m, 3), squared scalars of equation 19, and probabilities, (n, m).
+    """Residuals of equation 14 over std (n, m, 3), squared scalars of equation 19, probabilities, (n, m).
 
-    z (n, 3) measured; out (m, n, 9) states and y (m, n, 3) readings of the models; last (m,) the probabilities
-    before the first sample, overwritten by those of the last: they hold where nothing was measured.
+    z (n, 3) measured; out (m, n, 9) states and y (m, n, 3) readings of the models; last (m,) the
+    probabilities before the first sample, overwritten by those of the last: they hold where nothing was
+    measured.
     """
     n, m = nis.shape
     for k in range(n):
