@@ -67,7 +67,7 @@ class BankArrays(NamedTuple):
 
     size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,); source (m, m, n): for target j, source i and state
     k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
-    variance per second; rates (m, m) per second; noise (3,) variance of the channels.
+    variance per second; rates (m, m) per second; noise (3,) variance of the channels; own (m, n) constants that the nominal hypothesis does not have.
     """
 
     size: np.ndarray
@@ -80,6 +80,7 @@ class BankArrays(NamedTuple):
     diffusion: Array
     rates: Array
     noise: Array
+    own: np.ndarray
 
 
 def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings) -> BankArrays:
@@ -106,7 +107,17 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         diffusion,
         transition_rates(hypotheses, settings),
         rig.noise_std**2,
+        own_constants(hypotheses, n),
     )
+
+
+def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
+    """(m, n) whether a state is a constant of the plant that the first hypothesis does not have."""
+    own = np.zeros((len(hypotheses), n), dtype=np.bool_)
+    for j, h in enumerate(hypotheses):
+        for k, state in enumerate(h.states):
+            own[j, k] = state in INDEX and state not in hypotheses[0].states and state not in ("A", "B", "J")
+    return own
 
 
 def _entry(state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:

@@ -6,6 +6,7 @@ file in chunks, a stream and a whole log give the same numbers. The filterpy ban
 """
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -270,6 +271,16 @@ def _posterior(log_mu, log_c, log_density, mu):
         log_mu[j] -= shift
 
 
+@inlined
+def _strain(j, b, x):
+    """How far hypothesis j had to stretch constants that only it has, in prior standard deviations."""
+    worst = 0.0
+    for k in range(3, b.layout[j, tr.SIZE]):
+        if b.own[j, k]:
+            worst = max(worst, abs(x[j, k] - b.entry_mean[j, k]) / math.sqrt(b.entry_var[j, k]))
+    return worst
+
+
 class Scratch(NamedTuple):
     """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
 
@@ -319,12 +330,13 @@ def _copy_back(m, n, state, scr):
 
 
 @uncounted
-def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_nis, out_y, out_seen, out_states):
+def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain):
     """Advance the bank over n samples; every out array is filled and `state` updated in place.
 
     t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the
     sample [rad/s]; theta (n,) deg; z (n, 3); active (n,) whether a sample counts as evidence.
-    out_mu (n, m) probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4).
+    out_mu (n, m) probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4),
+    out_density (n, m) log-densities, out_strain (n, m) see `_strain`.
     """
     m, n = state.x.shape
     mixed_dt, before = -1.0, state.t[0]
@@ -356,6 +368,8 @@ def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_n
         best = 0
         for j in range(m):
             out_mu[k, j] = scr.mu[j]
+            out_density[k, j] = scr.log_density[j]
+            out_strain[k, j] = _strain(j, b, state.x)
             if scr.mu[j] > scr.mu[best]:
                 best = j
             for c in range(3):
@@ -381,6 +395,8 @@ class Bank:
         self.tuning = tuning(settings)
         self.scratch = scratch(self.arrays)
         self.state: BankState | None = None
+        self.recent: Recent | None = None
+        self.snapshots: deque[tuple[float, BankState]] = deque()
         self.commands = CommandStream(rig.model, settings.substep_s)
 
     def advance(self, log: Log) -> Estimate:
@@ -391,9 +407,55 @@ class Bank:
         n, m = log.t.size, len(self.hypotheses)
         active = under_way(interval, w_cmd)
         mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
-        seen, states = np.empty((n, 3)), np.empty((n, 4))
-        run(self.arrays, self.tuning, self.state, self.scratch, log.t, interval, w_cmd, log.pitch, log.z, active, mu, nis, y, seen, states)
-        return Estimate(log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active)
+        seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
+        self.recent = Recent(log.t, interval, w_cmd, log.pitch, log.z).after(self.recent)
+        for first in range(0, n, BLOCK):
+            if n > 1:
+                self.snapshots.append((float(log.t[first]), self._nominal()))
+            b = slice(first, first + BLOCK)
+            run(
+                self.arrays, self.tuning, self.state, self.scratch, log.t[b], interval[b], w_cmd[b], log.pitch[b], log.z[b],
+                active[b], mu[b], nis[b], y[b], seen[b], states[b], density[b], strain[b],
+            )  # fmt: skip
+        self._forget()
+        return Estimate(log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain)
+
+    def _nominal(self) -> BankState:
+        """A copy of what the first hypothesis remembers."""
+        state = self.state
+        names = ("x", "P", "slow", "bias", "predicted", "glitches")
+        parts = {name: getattr(state, name)[:1].copy() for name in names}
+        return BankState(**parts, log_mu=np.zeros(1), z=state.z.copy(), t=state.t.copy())
+
+    def _forget(self) -> None:
+        """Keep the snapshots that fall into the samples kept in `recent`."""
+        while len(self.snapshots) > 1 and self.snapshots[1][0] <= self.recent.t[0]:
+            self.snapshots.popleft()
+
+
+BLOCK = 400  # samples between two snapshots
+TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
+
+
+class Recent(NamedTuple):
+    """The last samples in the arrays of `run`: t (n,), interval (n, 2 m), w_cmd (n,), theta (n,), z (n, 3)."""
+
+    t: Array
+    interval: Array
+    w_cmd: Array
+    theta: Array
+    z: Array
+
+    def after(self, before: "Recent | None") -> "Recent":
+        """These samples behind the tail of the ones before."""
+        if before is None:
+            return self
+        tail = before.t >= before.t[-1] - TAIL_S
+        return Recent(*(np.concatenate((old[tail], new)) for old, new in zip(before, self, strict=True)))
+
+    def cut(self, first: int, last: int) -> "Recent":
+        """Samples first:last."""
+        return Recent(*(a[first:last] for a in self))
 
 
 def under_way(interval: Array, w_cmd: Array) -> NDArray[np.bool_]:

@@ -92,7 +92,8 @@ class Estimate:
     every hypothesis, NaN where nothing was measured; predicted (n, m, 3) voltage, current, position before the update;
     winner (n,) index of the most probable hypothesis; normalised (n, 3) innovations of the winner over their standard
     deviations; states (n, 4) the mixed w, I, x and commanded current; active (n,) whether the sample counts as
-    evidence (a move, not a rest).
+    evidence (a move, not a rest); density (n, m) log-densities; strain (n, m) how far a hypothesis stretched constants
+    that only it has, in prior standard deviations (both empty where the method has none).
     """
 
     t: Array
@@ -103,6 +104,8 @@ class Estimate:
     normalised: Array
     states: Array
     active: NDArray[np.bool_]
+    density: Array = field(default_factory=lambda: np.empty((0, 0)))
+    strain: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 class Event(NamedTuple):

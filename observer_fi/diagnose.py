@@ -1,0 +1,271 @@
+"""A log in, a verdict out: file -> chunks -> bank -> isolation -> Outcome, in memory that does not grow with the log."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from observer_fi import explain, kernels, sketch
+from observer_fi.columns import ColumnMap
+from observer_fi.hypotheses import Hypothesis
+from observer_fi.ingest import CHUNK_ROWS, LogFile, log_name, open_log, read_log
+from observer_fi.isolate import EventTracker, Isolator, Run, label_of
+from observer_fi.mixture import Mixture
+from observer_fi.models import Rig
+from observer_fi.onset import onset_in
+from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
+from observer_fi.settings import Settings
+
+ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
+MIXTURE_POINTS = 2000
+
+
+class AnyBank(Protocol):
+    """What both engines offer."""
+
+    hypotheses: tuple[Hypothesis, ...]
+
+    def advance(self, log: Log) -> Estimate:
+        """Estimate of the next samples."""
+
+
+def make_bank(rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf") -> AnyBank:
+    """The bank of an engine: "compiled" or, for comparison, "filterpy"; filter_kind "ekf" or "ukf"."""
+    if engine == "filterpy":
+        from observer_fi.observers import FilterpyBank  # filterpy is slow to import
+
+        return FilterpyBank(rig, settings.bank, filter_kind=filter_kind)
+    return kernels.Bank(rig, settings.bank)
+
+
+def diagnose(
+    path: str | Path,
+    rig: Rig,
+    settings: Settings,
+    *,
+    engine: str = "compiled",
+    filter_kind: str = "ekf",
+    columns: ColumnMap | None = None,
+    detected_at: float | None = None,
+) -> Outcome:
+    """The verdict on one log file. detected_at: time of an external detection [s]; the verdict starts there.
+
+    Raises InvalidLogError with the one line for the user.
+    """
+    file = open_log(path, columns)
+    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+    for log in chunks(file, path, rig, columns):
+        run.add(log)
+    facts = {"sha256": file.sha256, "metadata": file.metadata}
+    if file.has_command:
+        whole = file.summary
+        facts |= {"gaps": whole.gaps, "rejected": whole.rejected, "rejected_count": whole.rejected_count, "notes": whole.notes}
+    return run.outcome(log_name(path), facts)
+
+
+def chunks(file: LogFile, path: str | Path, rig: Rig, columns: ColumnMap | None) -> Iterator[Log]:
+    """The log in chunks; whole where its command has to be recovered first."""
+    if file.has_command:
+        yield from file.chunks()
+        return
+    from observer_fi.command_recovery import recover_command
+
+    whole = recover_command(read_log(path, columns), rig.model)
+    for first in range(0, whole.t.size, CHUNK_ROWS):
+        yield _part(whole, slice(first, first + CHUNK_ROWS))
+
+
+def diagnose_log(log: Log, rig: Rig, settings: Settings, *, engine: str = "compiled", filter_kind: str = "ekf") -> Outcome:
+    """The verdict on a log in memory."""
+    run = Diagnosis(rig, settings, engine, filter_kind)
+    run.add(log)
+    facts = {k: getattr(log, k) for k in ("sha256", "metadata", "gaps", "rejected", "rejected_count", "notes")}
+    return run.outcome(log_name(log.path), facts)
+
+
+class Diagnosis:
+    """One log under way: `add` its chunks in order, then `outcome`."""
+
+    def __init__(
+        self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf", detected_at: float | None = None
+    ) -> None:
+        self.rig, self.settings, self.detected_at = rig, settings, detected_at
+        self.engine, self.filter_kind = engine, filter_kind
+        self.bank = make_bank(rig, settings, engine, filter_kind)
+        compiled = isinstance(self.bank, kernels.Bank)
+        # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
+        self.keeper = self.bank if compiled else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
+        modes = tuple(h.name for h in self.bank.hypotheses)
+        self.isolator = Isolator(modes, settings.decision)
+        self.onsets: dict[tuple[float, int], Any] = {}
+        self.overview, self.zoom = sketch.Overview(), Zoom()
+        self.baseline = Baseline(rig, settings)
+        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
+        self.path, self.first_row = "", 0
+
+    def add(self, log: Log) -> None:
+        """Take the next chunk."""
+        self.path = log.path
+        if not self.samples:
+            self.first, self.rate = float(log.t[0]), log.rate_hz
+        self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
+        estimate = self.bank.advance(log)
+        if self.keeper is not self.bank:
+            self.keeper.advance(log)
+        if self.detected_at is not None:
+            estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
+        for tracker in self.isolator.add(estimate):
+            self._look_for_onsets(tracker)
+        table = sketch.rows(log, estimate, self.rig)
+        self.overview.add(table)
+        self.zoom.add(table, self._point_of_interest(estimate))
+        detected = self.detected_at if self.detected_at is not None else self._first_detection()
+        self.baseline.add(log, estimate, detected)
+
+    def _look_for_onsets(self, tracker: EventTracker) -> None:
+        """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""
+        for j, run in {**tracker.latched, **tracker.certain}.items():
+            key = (tracker.start_s, j)
+            if j == 0 or (key in self.onsets and self.onsets[key][0] == run.since):
+                continue
+            d = self.settings.decision
+            first = max(tracker.start_s, min(run.detected, run.since) - d.onset_before_s)
+            found = onset_in(self.keeper, self.bank.hypotheses[j], first, run.since + d.onset_after_s)
+            if found is not None:
+                self.onsets[key] = (run.since, found)
+
+    def _point_of_interest(self, e: Estimate) -> float | None:
+        """What the zoom shows: the first fault's onset, else the first start of a move."""
+        if self.onsets:
+            return min(found.median for _, found in self.onsets.values())
+        event = self.isolator.current
+        return None if event is None else event.start_s + 0.1
+
+    def _first_detection(self) -> float | None:
+        """When nominal was first doubted on the way to a fault."""
+        times = [e.detected_s for e in self.isolator.events if e.detected_s is not None]
+        tracker = self.isolator.current
+        if tracker is not None:
+            times += [run.detected for j, run in {**tracker.latched, **tracker.certain}.items() if j != 0]
+        return min(times) if times else None
+
+    def _with_onset(self, event: Event) -> Event:
+        keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
+        modes = self.isolator.modes
+        for start, j in keys:
+            if label_of(modes[j]) == event.label and (event.channel is None or modes[j].endswith(event.channel)):
+                found = self.onsets[start, j][1]
+                return event._replace(onset_s=found.median, onset_interval_s=(found.low, found.high))
+        if event.label != "nominal" and event.detected_s is not None:
+            return event._replace(onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s))
+        return event
+
+    def outcome(self, name: str, facts: dict[str, Any]) -> Outcome:
+        """What was found. facts: fields of Log that describe the whole file."""
+        found = self.isolator.result()
+        events = tuple(self._with_onset(e) for e in found.events)
+        verdict = next((b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict)
+        isolation = Isolation(verdict, events, found.consistency)
+        empty = np.empty(0)
+        log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
+        m = len(self.isolator.modes)
+        mixture = self.baseline.traces()
+        return Outcome(
+            name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
+            self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
+            sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
+            {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "detected_at": self.detected_at,
+             **asdict(self.settings)},
+        )  # fmt: skip
+
+
+class Zoom:
+    """Every row within a window around a point that may still move to an earlier or later chunk."""
+
+    def __init__(self) -> None:
+        self.table: Array | None = None
+        self.point: float | None = None
+        self.tail: Array | None = None
+
+    def add(self, table: Array, point: float | None) -> None:
+        """Take the next rows; point: what to show [s], None where nothing has happened yet."""
+        joined = table if self.tail is None else np.vstack((self.tail, table))
+        if point is not None:
+            near = joined[(joined[:, 0] >= point - ZOOM_BEFORE_S) & (joined[:, 0] <= point + ZOOM_AFTER_S)]
+            moved = self.point is not None and abs(point - self.point) > 1e-9
+            if self.table is None or moved:
+                self.table = near if near.size or self.table is None else self.table
+            elif near.size:
+                later = near[near[:, 0] > self.table[-1, 0]] if self.table.size else near
+                self.table = np.vstack((self.table, later))
+            self.point = point
+        self.tail = joined[joined[:, 0] >= joined[-1, 0] - 1.0]
+
+    def result(self) -> Array:
+        """The rows of the window; the last second of the log where there is nothing to show."""
+        if self.table is not None and self.table.size:
+            return self.table
+        return self.tail if self.tail is not None else np.empty((0, 0))
+
+
+class Baseline:
+    """The open-loop mixture beside the bank: runs from the first detection to the end of that move."""
+
+    def __init__(self, rig: Rig, settings: Settings) -> None:
+        self.rig, self.settings = rig, settings
+        self.mixture: Mixture | None = None
+        self.isolator: Isolator | None = None
+        self.before: Log | None = None
+        self.points: list[tuple[Array, Array, Array]] = []
+        self.ended = False
+
+    def add(self, log: Log, e: Estimate, detected_s: float | None) -> None:
+        """Take the next chunk and the bank's estimate of it."""
+        if self.mixture is None and detected_s is not None:
+            first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
+            state = e.states[max(first - 1, 0), :3]
+            self.mixture = Mixture(self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None)
+            log, active = _part(log, slice(first, None)), e.active[first:]
+        else:
+            active = e.active
+        if self.mixture is None or self.ended or not log.t.size:
+            return
+        stopped = np.flatnonzero((log.w_cmd == 0.0) & ~active)
+        if stopped.size:
+            self.ended = True
+            log = _part(log, slice(None, max(int(stopped[0]), 1)))
+        self._advance(log)
+
+    def _advance(self, log: Log) -> None:
+        assert self.mixture is not None
+        estimate = self.mixture.advance(log)
+        if self.isolator is None:
+            self.isolator = Isolator(estimate.modes, self.settings.decision)
+        for _ in self.isolator.add(estimate):
+            pass
+        every = slice(None, None, max(1, log.t.size // MIXTURE_POINTS))
+        self.points.append((estimate.t[every], np.sqrt(estimate.nis[every]), estimate.predicted[every]))
+
+    def isolation(self) -> Isolation | None:
+        """The mixture's verdict, None where nothing was detected."""
+        return None if self.isolator is None else self.isolator.result()
+
+    def traces(self) -> tuple[Array, Array, Array] | None:
+        """Times, residual norms (q, 3) and predictions (q, 3, 3) of the mixture, None where it did not run."""
+        if not self.points:
+            return None
+        t, norm, y = (np.concatenate([p[k] for p in self.points]) for k in range(3))
+        every = slice(None, None, max(1, t.size // MIXTURE_POINTS))
+        return t[every], norm[every], y[every]
+
+
+def _part(log: Log, rows: slice) -> Log:
+    return replace(
+        log, t=log.t[rows], z=log.z[rows], w_cmd=log.w_cmd[rows], pitch=log.pitch[rows],
+        encoder=None if log.encoder is None else log.encoder[rows], force=None if log.force is None else log.force[rows],
+    )  # fmt: skip
+
+
+__all__ = ["Diagnosis", "Run", "diagnose", "diagnose_log", "make_bank"]

@@ -1,0 +1,307 @@
+"""Estimates to verdicts: one decision rule for the bank and for the open-loop mixture.
+
+A verdict belongs to a move (an event): what a stop and a rest say cannot overturn it, except that they can show a sensor
+to be dead. Everything is causal and works on chunks, so that an hour and a stream end in the same verdict.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
+from observer_fi.settings import DecisionSettings
+
+NOMINAL, UNKNOWN = "nominal", "unknown"
+
+
+def label_of(mode: str) -> str:
+    """Label of the verdict for a hypothesis: "sensor:current" is a sensor_fault."""
+    return "sensor_fault" if mode.startswith("sensor:") else mode
+
+
+def channel_of(mode: str) -> str | None:
+    """Channel of a sensor hypothesis, None for the others."""
+    return mode.split(":", 1)[1] if mode.startswith("sensor:") else None
+
+
+SETTLING = 8  # samples after a change of winner
+
+
+class Run(NamedTuple):
+    """Since when a hypothesis has been certain, and since when nominal was doubted before that [s]."""
+
+    since: float
+    detected: float
+
+
+def plausible(estimate: Estimate, settings: DecisionSettings) -> Array:
+    """Mode probabilities (n, m) after the absolute test of constants.
+
+    A hypothesis whose own constants are beyond what rigs show explains the data with a plant that does not exist: its
+    probability goes to "none of these".
+    """
+    p = estimate.probability.copy()
+    if UNKNOWN not in estimate.modes or not estimate.strain.size:
+        return p
+    unknown = estimate.modes.index(UNKNOWN)
+    strained = estimate.strain > settings.strain_limit
+    strained[:, unknown] = False
+    p[:, unknown] += np.where(strained, p, 0.0).sum(axis=1)
+    p[strained] = 0.0
+    return p
+
+
+class EventTracker:
+    """Follows one move through its chunks: `add` the samples of the move, then `verdict`."""
+
+    def __init__(self, modes: tuple[str, ...], start_s: float, settings: DecisionSettings) -> None:
+        self.modes = modes
+        self.settings = settings
+        self.start_s = self.end_s = start_s
+        self.certain: dict[int, Run] = {}
+        self.latched: dict[int, Run] = {}
+        self.last_nominal = start_s
+        self.doubted = np.nan
+        self.final: Array | None = None
+        self.ratios = np.empty(0)
+        self.misfits: dict[int, float] = {}
+        self.rest_nis = np.zeros(len(modes))
+        self.rest_samples = 0
+        self.dof = 3.0  # channels
+
+    def add(self, e: Estimate, window: int) -> None:
+        """Take the next samples of this move, its stop and the rest after it. window: samples in `window_s`."""
+        if not e.t.size:
+            return
+        self.end_s = float(e.t[-1])
+        moving = np.flatnonzero(e.active)
+        if moving.size:
+            self._add_motion(_rows(e, slice(int(moving[0]), int(moving[-1]) + 1)), window)
+        self._add_rest(e, int(moving[-1]) + 1 if moving.size else 0)
+
+    def _add_motion(self, e: Estimate, window: int) -> None:
+        p = plausible(e, self.settings)
+        self._misfit(e, p, window)
+        nominal = p[:, 0] >= 0.5
+        for j in range(p.shape[1]):
+            self._runs(j, e.t, p[:, j] > self.settings.isolated, nominal)
+        sure = np.flatnonzero(nominal)
+        if sure.size:
+            after = sure[-1] + 1
+            self.doubted = float(e.t[after]) if after < e.t.size else np.nan
+        elif np.isnan(self.doubted):
+            self.doubted = float(e.t[0])
+        self.final = p[-1]
+
+    def _runs(self, j: int, t: Array, sure: Array, nominal: Array) -> None:
+        """Update since when hypothesis j is certain; a long run that ends stays on record."""
+        unsure = np.flatnonzero(~sure)
+        if unsure.size == 0:
+            self.certain.setdefault(j, Run(float(t[0]), self._doubted_before(0, t, nominal)))
+            return
+        edges = np.concatenate(([-1], unsure, [t.size]))
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            if a >= 0:
+                self._close(j, float(t[a]))
+            if b - a > 1:
+                first = int(a) + 1
+                if a >= 0 or j not in self.certain:
+                    self.certain[j] = Run(float(t[first]), self._doubted_before(first, t, nominal))
+
+    def _close(self, j: int, now: float) -> None:
+        run = self.certain.pop(j, None)
+        if run is not None and now - run.since >= self.settings.latch_s and j not in self.latched:
+            self.latched[j] = run
+
+    def _doubted_before(self, k: int, t: Array, nominal: Array) -> float:
+        """First sample after nominal was last more likely than not, up to sample k."""
+        sure = np.flatnonzero(nominal[: k + 1])
+        if sure.size:
+            return float(t[min(sure[-1] + 1, t.size - 1)]) if sure[-1] < k else float(t[k])
+        return float(t[0]) if np.isnan(self.doubted) else self.doubted
+
+    def _misfit(self, e: Estimate, p: Array, window: int) -> None:
+        """When the winner's mean NIS over a window, over its expectation, first exceeded what a right model shows.
+
+        Samples on which no hypothesis is certain, or has only just become so, are not held against the winner.
+        """
+        winner = p.argmax(axis=1)
+        nis = e.nis[np.arange(e.t.size), winner]
+        measured = np.isfinite(e.normalised).sum(axis=1)
+        ratio = np.where(measured > 0, nis / np.maximum(measured, 1), 1.0)
+        changed = np.concatenate(([True], np.diff(winner) != 0)) | (p.max(axis=1) <= self.settings.isolated)
+        settling = np.convolve(changed, np.ones(SETTLING), "full")[: e.t.size] > 0
+        joined = np.concatenate((self.ratios, np.where(settling, 1.0, ratio)))
+        if joined.size >= window:
+            mean = np.convolve(joined, np.ones(window) / window, "valid")
+            for k in np.flatnonzero(mean > self.settings.nis_limit):
+                at = min(max(0, k + window - 1 - self.ratios.size), e.t.size - 1)
+                self.misfits.setdefault(int(winner[at]), float(e.t[at]))
+        self.ratios = joined[-(window - 1) :]
+
+    def _add_rest(self, e: Estimate, first: int) -> None:
+        """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""
+        nis = np.minimum(np.nan_to_num(e.nis[first:]), 10.0 * self.dof)
+        self.rest_nis += nis.sum(axis=0)
+        self.rest_samples += nis.shape[0]
+
+    def verdict(self) -> Event:
+        """The verdict on the move so far."""
+        p = np.eye(len(self.modes))[0] if self.final is None else self.final
+        j = int(p.argmax())
+        run = self.certain.get(j)
+        reasons: list[str] = []
+        if self.modes[j] == NOMINAL:
+            came_and_went = {k: r for k, r in self.latched.items() if label_of(self.modes[k]) not in (NOMINAL, UNKNOWN)}
+            if came_and_went:
+                j, run = min(came_and_went.items(), key=lambda item: item[1].since)
+                p = self._given(j, self.settings.isolated)
+                reasons.append("the fault came and went within the move")
+            else:
+                j, run, p = self._after_rest(j, run, p, reasons)
+        if j in self.misfits and self.modes[j] != UNKNOWN and UNKNOWN in self.modes:
+            since = self.misfits[j]
+            reasons.append(f"the best hypothesis, {self.modes[j]}, does not explain the innovations from {since:.3f} s on")
+            j, run = self.modes.index(UNKNOWN), Run(since, since)
+            p = self._given(j, self.settings.isolated)
+        return self._event(j, run, p, tuple(reasons))
+
+    def _after_rest(self, j: int, run: Run | None, p: Array, reasons: list[str]) -> tuple[int, Run | None, Array]:
+        """A stop and rest that nominal cannot explain and one failed sensor can."""
+        sensors = [k for k, mode in enumerate(self.modes) if channel_of(mode)]
+        if not sensors or self.rest_samples == 0 or self.rest_nis[j] < self.settings.rest_limit * self.dof * self.rest_samples:
+            return j, run, p
+        best = min(sensors, key=lambda k: self.rest_nis[k])
+        if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
+            return j, run, p
+        reasons.append("the stop and the rest after the move show it")
+        return best, None, self._given(best, self.settings.isolated)
+
+    def _given(self, j: int, probability: float) -> Array:
+        p = np.full(len(self.modes), (1.0 - probability) / (len(self.modes) - 1))
+        p[j] = probability
+        return p
+
+    def _event(self, j: int, run: Run | None, p: Array, reasons: tuple[str, ...]) -> Event:
+        mode = self.modes[j]
+        posterior = dict.fromkeys(LABELS, 0.0)
+        for name, value in zip(self.modes, p, strict=True):
+            posterior[label_of(name)] += float(value)
+        fault = label_of(mode) != NOMINAL
+        return Event(
+            label_of(mode), channel_of(mode), posterior[label_of(mode)], None, (None, None),
+            run.detected if fault and run else None, run.since if run else None, self.start_s, self.end_s, posterior, reasons,
+        )  # fmt: skip
+
+
+def _rows(e: Estimate, rows: slice) -> Estimate:
+    return Estimate(
+        e.t[rows], e.modes, e.probability[rows], e.nis[rows], e.predicted[rows], e.normalised[rows], e.states[rows],
+        e.active[rows], e.density[rows] if e.density.size else e.density, e.strain[rows] if e.strain.size else e.strain,
+    )  # fmt: skip
+
+
+class Isolator:
+    """Cuts the stream of estimates into moves and keeps a verdict for each; O(1) in the length of a move."""
+
+    def __init__(self, modes: tuple[str, ...], settings: DecisionSettings) -> None:
+        self.modes = modes
+        self.settings = settings
+        self.current: EventTracker | None = None
+        self.events: list[Event] = []
+        self.fit = Whiteness()
+        self.was_active = False
+        self.window = 0
+
+    def add(self, e: Estimate) -> Iterator[EventTracker]:
+        """Take the next samples; yields the tracker of the current move after each piece of a move."""
+        if not self.window and e.t.size > 1:
+            self.window = max(2, round(self.settings.window_s / float(np.median(np.diff(e.t)))))
+        self.fit.add(e)
+        starts = np.flatnonzero(e.active & ~np.concatenate(([self.was_active], e.active[:-1])))
+        starts = np.array([s for k, s in enumerate(starts) if self._new_move(e, int(s), int(starts[k - 1]) if k else -1)], dtype=int)
+        edges = [0, *starts.tolist(), e.t.size]
+        for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            if k > 0:
+                self._finish()
+                self.current = EventTracker(self.modes, float(e.t[a]), self.settings)
+            if self.current is not None and b > a:
+                self.current.add(_rows(e, slice(a, b)), self.window)
+                yield self.current
+        self.was_active = bool(e.active[-1]) if e.t.size else self.was_active
+
+    def _new_move(self, e: Estimate, start: int, earlier: int) -> bool:
+        """A pause in the evidence that is no stop (a slower command, a sample without one) does not end a move."""
+        since = max(earlier, 0)
+        stopped = bool((e.states[since:start, 3] == 0.0).any())
+        return stopped or self.current is None
+
+    def _finish(self) -> None:
+        if self.current is not None:
+            self.events.append(self.current.verdict())
+
+    def result(self) -> Isolation:
+        """Verdicts on all moves so far. The log's verdict is its first fault, or its last move where there is none."""
+        events = [*self.events, *([self.current.verdict()] if self.current is not None else [])]
+        return Isolation(log_verdict(events), tuple(events), self.fit.result())
+
+
+def log_verdict(events: list[Event]) -> Event:
+    """One verdict for a log: the first move with a fault; else the least certain of the healthy ones."""
+    faults = [e for e in events if e.label != NOMINAL]
+    if faults:
+        return faults[0]
+    if events:
+        return min(events, key=lambda e: e.probability)
+    posterior = dict.fromkeys(LABELS, 0.0) | {NOMINAL: 1.0}
+    return Event(NOMINAL, None, 1.0, None, (None, None), None, None, 0.0, 0.0, posterior, ("the log holds no move",))
+
+
+class Whiteness:
+    """Mean NIS of the winner while moving, and Ljung-Box whiteness of its innovations in steady motion, accumulated.
+
+    Transients are left out of the whiteness: there the filter widens its noise by what the timing of a sampled servo puts
+    in doubt, so innovations are smaller than their standard deviation and smooth, by design.
+    """
+
+    LAGS = 10
+    STEADY = 0.02  # speed within this share of the command
+
+    def __init__(self) -> None:
+        self.nis = self.expected = 0.0
+        self.samples = 0
+        self.products = np.zeros((self.LAGS + 1, len(CHANNELS)))
+        self.counts = np.zeros(len(CHANNELS))
+
+    def add(self, e: Estimate) -> None:
+        """Take the next samples."""
+        v = e.normalised[e.active]
+        if not v.size:
+            return
+        good = np.isfinite(v)
+        self.nis += float((np.where(good, v, 0.0) ** 2).sum())
+        self.expected += float(good.sum())
+        self.samples += int(good.any(axis=1).sum())
+        speed, command = e.states[e.active, 0], e.states[e.active, 3]
+        good &= (np.abs(speed - command) < self.STEADY * np.abs(command))[:, None]
+        u = np.clip(np.where(good, v, 0.0), -5.0, 5.0)
+        self.counts += good.sum(axis=0)
+        for lag in range(min(self.LAGS + 1, u.shape[0])):
+            self.products[lag] += (u[lag:] * u[: u.shape[0] - lag]).sum(axis=0)
+
+    def result(self) -> Consistency:
+        """Ljung-Box (1978) over 10 lags: the smallest of the channels' p-values times their number (Bonferroni)."""
+        from scipy.stats import chi2  # slow to import, and only needed once a log
+
+        if not self.samples:
+            return Consistency(float("nan"), 3.0, float("nan"))
+        p = []
+        for c in np.flatnonzero(self.counts > 5 * self.LAGS):
+            n = self.counts[c]
+            rho = self.products[1:, c] / self.products[0, c] if self.products[0, c] > 0.0 else np.zeros(self.LAGS)
+            q = n * (n + 2.0) * (rho**2 / (n - np.arange(1, self.LAGS + 1))).sum()
+            p.append(float(chi2.sf(q, self.LAGS)))
+        return Consistency(
+            self.nis / self.samples, self.expected / self.samples, min(1.0, min(p) * len(p)) if p else float("nan")
+        )
