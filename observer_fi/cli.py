@@ -1,0 +1,205 @@
+"""The command `observer-fi`: arguments, one call, output, an exit code.
+
+Start-up counts (a whole diagnosis has two seconds), so this file imports nothing heavy: each command imports
+its own.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from observer_fi import __version__
+from observer_fi.records import InvalidLogError, UsageError
+
+OK, BUG, USAGE, FAULT = 0, 1, 2, 3
+T = TypeVar("T")
+
+
+class Command(NamedTuple):
+    """A subcommand: one line of help, its arguments, and what it does."""
+
+    help: str
+    arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code."""
+    args = _parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except (InvalidLogError, UsageError) as error:
+        _complain(str(error))
+        return USAGE
+    except BrokenPipeError:  # the reader of our output has gone: nothing to tell it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except KeyboardInterrupt:
+        return 130  # as a shell reports SIGINT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="observer-fi",
+        description="Fault isolation of a DC-motor linear actuator: a DAQ log in, a verdict out.",
+    )
+    parser.add_argument("--version", action="version", version=f"observer-fi {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, command in COMMANDS.items():
+        sub = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
+        command.arguments(sub)
+        sub.set_defaults(run=command.run)
+    return parser
+
+
+# --- options that commands share ---
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """Where the output goes, and in which form."""
+    parser.add_argument(
+        "--out", type=Path, default=Path("reports"), metavar="DIR", help="output folder (reports)"
+    )
+    parser.add_argument("--json", action="store_true", help="the result as JSON on standard output")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def add_rig(parser: argparse.ArgumentParser) -> None:
+    """Which machine, and everything tunable."""
+    parser.add_argument(
+        "--rig", metavar="RIG.toml", help="the machine: a file or a packaged name (mass_shifter)"
+    )
+    parser.add_argument("--settings", metavar="FILE.toml", help="settings that differ from the defaults")
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """Which implementation of the bank."""
+    parser.add_argument(
+        "--engine", choices=("compiled", "filterpy"), default="compiled", help="implementation (compiled)"
+    )
+    parser.add_argument("--filter", choices=("ekf", "ukf"), default="ekf", help="kind of filter (ekf)")
+
+
+def add_logs(parser: argparse.ArgumentParser) -> None:
+    """Which logs, and how their columns are called."""
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="CSV, CSV.gz, Parquet, TDMS or LVM")
+    parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the log's columns")
+    parser.add_argument("--name", help="name of the output folder (the log's name)")
+
+
+def progress(items: Iterable[T], args: argparse.Namespace, total: int, unit: str) -> Iterable[T]:
+    """`items` with a progress bar on standard error, on a terminal only."""
+    if args.quiet or total < 2 or not sys.stderr.isatty():
+        return items
+    from tqdm import tqdm
+
+    return tqdm(items, total=total, unit=unit, leave=False)
+
+
+def emit_json(value: Any) -> None:
+    """A result on standard output."""
+    from observer_fi.report import json_text
+
+    sys.stdout.write(json_text(value))
+
+
+def folder_names(logs: Sequence[str], name: str | None = None) -> tuple[dict[str, str], list[str]]:
+    """Output folder of every log, {path: name}, and what to tell about names that had to change.
+
+    Two logs of one stem would overwrite each other's report: the later ones get their parent folder's name
+    in front, or a number.
+    """
+    from observer_fi.ingest import log_name
+
+    taken: set[str] = set()
+    names: dict[str, str] = {}
+    notes = []
+    for path in dict.fromkeys(logs):
+        stem = name or log_name(path) or "log"
+        wanted, number = stem, 2
+        if wanted in taken:
+            wanted = f"{Path(path).resolve().parent.name}_{stem}"
+        while wanted in taken:
+            wanted = f"{stem}_{number}"
+            number += 1
+        if wanted != stem:
+            notes.append(f"{path}: the name {stem} is taken, its report is under {wanted}")
+        taken.add(wanted)
+        names[path] = wanted
+    return names, notes
+
+
+def _complain(message: str) -> None:
+    print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
+
+
+# --- diagnose ---
+
+
+def _diagnose_arguments(parser: argparse.ArgumentParser) -> None:
+    add_logs(parser)
+    add_rig(parser)
+    add_engine(parser)
+    add_common(parser)
+    parser.add_argument(
+        "--detected-at", type=float, metavar="T", help="detection time from outside, on the log's clock [s]"
+    )
+    parser.add_argument(
+        "--fail-on-fault", action="store_true", help="exit with 3 if a verdict is not nominal"
+    )
+
+
+def _diagnose(args: argparse.Namespace) -> int:
+    from observer_fi import report
+    from observer_fi.diagnose import diagnose
+    from observer_fi.ingest import load_columns
+    from observer_fi.models import load_rig
+    from observer_fi.settings import load_settings
+
+    rig, settings = load_rig(args.rig), load_settings(args.settings)
+    columns = load_columns(args.columns) if args.columns else None
+    names, notes = folder_names(args.logs, args.name)
+    for note in notes:
+        _complain(note)
+    shown: list[dict[str, Any]] = []
+    bad = faults = 0
+    for path, name in progress(names.items(), args, len(names), "log"):
+        try:
+            outcome = diagnose(
+                path,
+                rig,
+                settings,
+                engine=args.engine,
+                filter_kind=args.filter,
+                columns=columns,
+                detected_at=args.detected_at,
+            )
+            if outcome.error is not None:
+                raise InvalidLogError(outcome.error)
+        except InvalidLogError as error:
+            bad += 1
+            _complain(str(error))
+            shown.append({"log": {"path": path}, "error": str(error)})
+            continue
+        result = report.report_dict(outcome)
+        report.write(outcome, args.out / name)
+        faults += result["verdict"]["label"] != "nominal"
+        shown.append(result)
+        if not args.quiet and not args.json:
+            print(f"{name}: {report.headline(outcome)}  {args.out / name / 'report.html'}")
+    if args.json and (len(names) > 1 or not bad):
+        emit_json(shown if len(names) > 1 else shown[0])
+    if bad:
+        if len(names) > 1:
+            _complain(f"{bad} of {len(names)} logs could not be read; the others are done")
+        return USAGE
+    return FAULT if faults and args.fail_on_fault else OK
+
+
+# A command is a row here: its help, its arguments, its function. Both import what they need inside.
+COMMANDS: dict[str, Command] = {
+    "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
+}
