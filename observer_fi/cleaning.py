@@ -20,6 +20,7 @@ SLOWEST_STEP_S = (
     0.05  # the servo rings at 22 Hz: beyond this a log shows no move, or its clock is not in seconds
 )
 STUCK_ROWS = 10_000  # rows in a row without a new time: the clock stands still
+WRONG_UNIT = 0.25  # of the samples beyond the limit
 GAP = 1.5  # of the median sampling interval
 JITTER = 0.25  # of the median sampling interval
 CHANNEL_COLUMNS = ("voltage_v", "current_a", "position_m")
@@ -60,6 +61,7 @@ class Tally:
     worst_jitter: float = 0.0
     worst_row: int = 0
     usable: dict[str, int] = field(default_factory=dict)
+    beyond: dict[str, int] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
         """Row, and line where the file is text, for a message."""
@@ -166,6 +168,8 @@ def _check_forward(rows: NDArray[np.int64], before: Array, own: Array, tally: Ta
 
 
 def _set_step(t: Array, tally: Tally) -> None:
+    if np.isfinite(tally.last_t):
+        t = np.concatenate(([tally.last_t], t))
     if np.isfinite(tally.step) or t.size < 2:
         return
     tally.step = float(np.median(np.diff(t)))
@@ -280,7 +284,9 @@ def _believable(column: str, values: Array, judged: Mask, tally: Tally, masked: 
         return judged
     bad = judged & ~good
     beyond = np.flatnonzero(bad & np.isfinite(values))
-    _check_unit(column, values, beyond, limit, tally)
+    tally.beyond[column] = tally.beyond.get(column, 0) + beyond.size
+    if beyond.size:
+        _check_unit(column, float(values[beyond[0]]), tally, tally.samples + values.size)
     if masked is not None:
         masked.add(np.flatnonzero(bad & np.isnan(values)), column, "no value: masked")
         masked.add(np.flatnonzero(bad & np.isinf(values)), column, "{} is not finite: masked", values)
@@ -288,13 +294,14 @@ def _believable(column: str, values: Array, judged: Mask, tally: Tally, masked: 
     return good & judged
 
 
-def _check_unit(column: str, values: Array, beyond: Indices, limit: float, tally: Tally) -> None:
-    """Single values beyond the limit are faults of the logger; most of a block is a wrong unit."""
-    if beyond.size >= FEWEST_SAMPLES and 2 * beyond.size > values.size:
+def _check_unit(column: str, example: float, tally: Tally, samples: int) -> None:
+    """Single values beyond the limit are faults of the logger; a large part of the log is a wrong unit."""
+    beyond, kind = tally.beyond[column], COLUMNS[column]
+    if beyond >= FEWEST_SAMPLES and beyond > WRONG_UNIT * samples:
         raise InvalidLogError(
-            f"{tally.path}: column {column}: {beyond.size} of {values.size} values are beyond {limit:g} "
-            f"{COLUMNS[column].unit} (as {values[int(beyond[0])]:.6g}); map its unit "
-            f"({', '.join(COLUMNS[column].units)}) with --columns, or raise its limit there"
+            f"{tally.path}: column {column}: {beyond} of {samples} values are beyond "
+            f"{tally.column_map.limit(column):g} {kind.unit} (as {example:.6g}); map its unit "
+            f"({', '.join(kind.units)}) with --columns, or raise its limit there"
         )
 
 

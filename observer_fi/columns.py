@@ -3,6 +3,7 @@
 A map is a small TOML file; docs/logs.md explains it and data/columns holds one example of each kind.
 """
 
+import codecs
 import math
 import tomllib
 from dataclasses import dataclass, field
@@ -173,7 +174,7 @@ def _separator(value: object) -> str | None:
 
 def _encoding(name: str | None) -> str | None:
     try:
-        b"".decode(name or "utf-8")
+        codecs.lookup(name or "utf-8")
     except LookupError as error:
         raise UsageError(
             f'there is no encoding {name!r} (usual ones: "utf-8", "cp1252", "utf-16")'

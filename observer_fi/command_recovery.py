@@ -23,6 +23,7 @@ SAME_LEVEL = 0.05  # relative: a wrong Rm shifts w by this much while the curren
 NOISE_FLOOR = 0.2  # rad/s: commands are not finer than this
 SIGMAS = 6.0
 BEGIN_S = 0.2
+LONG_HOLE = 4  # samples
 RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
@@ -79,11 +80,17 @@ def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:
     tau = model["Kp"] / model["Ki"]
     i = np.interp(log.t, log.t[seen], i[seen])
     e = _high_passed(i, step, tau) / model["Kp"]
-    blind = saturated(log.z, model) | ~seen
+    blind = saturated(log.z, model) | _long(~seen)
     wait = int(np.ceil(RECOVERY_TIMES * tau / step))
     index = np.arange(log.t.size)
     last_blind = np.maximum.accumulate(np.where(blind, index, -wait - 1))
-    return np.where(seen, w, 0.0) + e, index - last_blind > wait
+    return np.where(seen, w, 0.0) + e, seen & (index - last_blind > wait)
+
+
+def _long(missing: Mask) -> Mask:
+    """Holes of `LONG_HOLE` samples and more, which interpolation of the current cannot bridge."""
+    full = np.convolve(missing, np.ones(LONG_HOLE), mode="full")[LONG_HOLE - 1 :] >= LONG_HOLE
+    return np.convolve(full, np.ones(LONG_HOLE), mode="full")[: missing.size] > 0.0
 
 
 def _speed(log: Log, model: Model) -> Array:
@@ -115,10 +122,12 @@ def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[_Level]
     size = max(FEWEST_IN_BLOCK, round(BLOCK_S / step))
     blocks = t.size // size
     values = np.where(known, command, np.nan)[: blocks * size].reshape(blocks, size)
-    whole = np.isfinite(values).all(axis=1)
+    whole = np.isfinite(values).sum(axis=1) > size // 2
     middle = np.full(blocks, np.nan)
-    middle[whole] = np.median(values[whole], axis=1)
-    flat = np.flatnonzero(whole)[np.ptp(values[whole], axis=1) < SIGMAS * noise]
+    middle[whole] = np.nanmedian(values[whole], axis=1)
+    flat = np.flatnonzero(whole)[
+        (np.nanmax(values[whole], axis=1) - np.nanmin(values[whole], axis=1)) < SIGMAS * noise
+    ]
     found: list[list[int]] = []
     for b in flat:
         if (
@@ -164,7 +173,7 @@ def _measured(group: list[_Level], command: Array, known: Mask) -> _Level:
 
 
 def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, model: Model) -> list[_Level]:
-    """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias that the rests show."""
+    """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest."""
     noise = _noise(command[known])
     top = max(abs(level.seen) for level in levels)
     rests = [_is_rest(level, top, log, model, noise) for level in levels]
@@ -212,19 +221,21 @@ def _trapezoid(
 
 def _onset(t: Array, command: Array, known: Mask, a: _Level, b: _Level, noise: float, accel: float) -> float:
     """Time at which the ramp from level a to level b begins, from the samples on the ramp [s]."""
-    rise = b.speed - a.speed
-    ramp = abs(rise) / accel
-    step = float(np.median(np.diff(t)))
-    margin = SIGMAS * noise
-    window = slice(a.last + 1, max(b.first, a.last + 2))
-    share = (command[window] - a.seen) * np.sign(rise)
-    leaving = np.flatnonzero((share > margin) | ~known[window])
-    if not leaving.size:
-        return float(t[a.last])
-    first = int(leaving[0])
-    near = slice(first, first + int(np.ceil(ramp / step)) + 1)
-    on_ramp = known[window][near] & (share[near] > margin) & (share[near] < abs(rise) - margin)
-    begins = t[window][near][on_ramp] - share[near][on_ramp] / accel
-    if not begins.size:
-        return float(t[window][first] - min(0.5 * step, ramp))
-    return float(np.median(begins))
+    window = slice(a.last, max(b.first, a.last + 1) + 1)
+    t, known = t[window], known[window]
+    rise = abs(b.seen - a.seen)
+    ramp = rise / accel
+    share = (command[window] - a.seen) * np.sign(b.seen - a.seen)
+    left = known & (share > SIGMAS * noise)
+    on_ramp = left & (share < rise - SIGMAS * noise)
+    if on_ramp.any():
+        on_ramp &= t < t[np.argmax(on_ramp)] + ramp
+        return float(np.median(t[on_ramp] - share[on_ramp] / accel))
+    there = int(np.argmax(left)) if left.any() else t.size - 1
+    at_level = np.flatnonzero(known[:there])
+    last = float(t[at_level[-1]]) if at_level.size else float(t[0])
+    if abs(b.speed) < abs(
+        a.speed
+    ):  # after a stall the supply is freed by the brake, so that is late in the hole
+        return max(last, float(t[there]) - ramp)
+    return 0.5 * (last + min(float(t[there]), last + float(t[1] - t[0])))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from observer_fi.columns import ColumnMap
 from observer_fi.records import InvalidLogError, Rejected
-from observer_fi.tables import NO_VALUE, Block, Table, not_a_number, place, positions, regrouped
+from observer_fi.tables import NO_VALUE, Block, Table, not_a_number, place, plain, positions, regrouped
 
 PREAMBLE_BYTES = 1 << 18
 _BLOCK_BYTES = 1 << 22
@@ -62,7 +62,7 @@ def _layout(path: str, column_map: ColumnMap) -> _Layout:
     texts = text.splitlines()
     header_at = _header_index(path, texts, column_map)
     data_at = header_at + 1 if column_map.data_line is None else column_map.data_line - 1
-    separator = column_map.separator or max(",;\t", key=texts[header_at].count)
+    separator = column_map.separator or max(",;\t|", key=texts[header_at].count)
     headers = header_fields(texts[header_at], separator)
     if _all_numbers(headers):
         raise InvalidLogError(
@@ -150,7 +150,7 @@ def _csv_blocks(path: str, column_map: ColumnMap, layout: _Layout, at: dict[str,
         with _utf8_stream(path, column_map) as stream:
             stream.read(layout.skip)
             for batch in pacsv.open_csv(stream, read, parse, convert):
-                values = {c: batch.column(name).to_numpy(zero_copy_only=False) for c, name in used.items()}
+                values = {c: plain(batch.column(name)) for c, name in used.items()}
                 rows = _row_numbers(done, batch.num_rows, short)
                 left_out = tuple(_left_out(row) for row in short[told:])
                 _check_short(path, len(short), done + batch.num_rows, short, layout)

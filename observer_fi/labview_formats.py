@@ -31,11 +31,12 @@ def open_tdms(path: str, column_map: ColumnMap) -> Table:
     """A TDMS file: a channel a column, by its name, or "group/channel" where two groups share a name."""
     from nptdms import TdmsFile
 
-    try:
-        file = TdmsFile.open(path)
-    except (ValueError, KeyError, EOFError, IndexError) as error:  # what npTDMS raises on a damaged file
-        raise InvalidLogError(f"{path}: not a whole TDMS file ({error}); copy or export it again") from error
-    with file:
+    with open(path, "rb") as stream:
+        try:
+            file = TdmsFile.open(stream)
+        except (ValueError, KeyError, EOFError, IndexError) as error:  # what npTDMS raises on a damaged file
+            what = str(error).splitlines()[0][:100]
+            raise InvalidLogError(f"{path}: not a whole TDMS file ({what}); copy it again") from error
         channels = [channel for group in file.groups() for channel in group.channels()]
         headers = _short_names([(channel.group_name, channel.name) for channel in channels])
         wave = _tdms_waveform(channels)
@@ -79,7 +80,8 @@ def _tdms_blocks(
 ) -> Iterator[Block]:
     from nptdms import TdmsFile
 
-    with TdmsFile.open(path) as file:
+    with open(path, "rb") as stream:
+        file = TdmsFile.open(stream)
         channels = {column: file[group][channel] for column, (group, channel) in used.items()}
         total = max(len(channel) for channel in channels.values())
         for start in range(0, total, rows):
@@ -214,7 +216,8 @@ def _lvm_numbers(path: str, series: "pd.Series", column: str, layout: _LvmLayout
 
     if pd.api.types.is_numeric_dtype(series):
         return np.asarray(series, dtype=np.float64)
-    numbers = pd.to_numeric(series, errors="coerce")
+    texts = series.astype(str).str.replace(layout.decimal, ".")
+    numbers = pd.to_numeric(texts, errors="coerce")
     offending = series[numbers.isna() & series.notna()]
     row = int(offending.index[0]) + 1
     raise not_a_number(path, row, column, offending.iloc[0], layout.first_line + row - 1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from observer_fi.columns import COLUMNS, ColumnMap
 from observer_fi.records import Array, InvalidLogError
-from observer_fi.tables import Block, Table, not_a_number, positions, regrouped
+from observer_fi.tables import Block, Table, not_a_number, plain, positions, regrouped
 
 
 def open_parquet(path: str, column_map: ColumnMap) -> Table:
@@ -63,10 +63,10 @@ def _parquet_blocks(path: str, used: dict[str, str], rows: int) -> Iterator[Bloc
 def _floats(path: str, array: Any, column: str, done: int) -> Array:
     import pyarrow as pa
 
-    if array.type == pa.float64() and array.null_count == 0:
-        return array.to_numpy()
+    if array.type == pa.float64():
+        return plain(array)
     try:
-        return array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+        return plain(array.cast(pa.float64(), safe=False))
     except pa.ArrowNotImplementedError as error:
         raise InvalidLogError(
             f"{path}: column {column} is of type {array.type}; numbers in {COLUMNS[column].unit} are needed"

@@ -134,11 +134,10 @@ def _ramps(t: Array, speed: Array, start: int, brake: int, accel: float) -> list
         return [(start, start)] if brake > start else []
     changing = np.abs(np.diff(speed[start:brake])) > 0.01 * accel * np.diff(t[start:brake])
     if start > 0:
-        changing = np.concatenate(([True], changing))  # the command left zero before its first sample
-        start -= 1
+        changing[0] = True  # the command left zero before its first sample
     edges = np.flatnonzero(np.diff(np.concatenate(([False], changing, [False])).astype(np.int8)))
     pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [(max(start + int(a), 0), start + int(b)) for a, b in pairs]
+    return [(start + int(a), start + int(b)) for a, b in pairs]
 
 
 def excitation(log: Log, moves: tuple[Segment, ...], model: Model) -> Excitation:

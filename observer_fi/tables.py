@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,17 @@ def not_a_number(path: str, row: int, column: str, text: object, line: int | Non
         f"{path}: {place(row, line)}, column {column}: {shown} is not a number; correct it, "
         f"or list it under missing in a column map (--columns map.toml){hint}"
     )
+
+
+def plain(array: Any) -> Array:
+    """A float64 array of arrow as numpy, NaN for null. (Arrow's own conversion imports pandas, 0.3 s.)"""
+    validity, data = array.buffers()
+    part = slice(array.offset, array.offset + len(array))
+    values = np.frombuffer(data, dtype=np.float64)[part]
+    if array.null_count == 0:
+        return values
+    valid = np.unpackbits(np.frombuffer(validity, dtype=np.uint8), bitorder="little")[part]
+    return np.where(valid == 1, values, np.nan)
 
 
 def place(row: int, line: int | None) -> str:
