@@ -243,7 +243,6 @@ _TABLE = (
         "partial_slip", "kinematics", "dx/dt = D w (1 - s - k |torque|)", "slipping nut or coupling",
         (
             Variant("with torque", (Term("slip_per_torque", 1.0, 0.0, 1e3),)),
-            Variant("constant", (Term("slip", 1e-4, 0.0, 0.9),)),
         ),
         confused_with=("position_gain",),
         separate_by="moves at large pitch of either sign, with the encoder logged",
@@ -278,8 +277,7 @@ _TABLE = (
     Cause(
         "position_gain", "sensor:position", "x_seen = k x", "calibration of the absolute sensor",
         _one("position_gain", 1.0005),
-        aliases=(),
-        confused_with=("partial_slip",),
+        aliases=("partial_slip",),
         separate_by="a gauge block or calliper beside the position sensor",
     ),
     Cause(

@@ -268,6 +268,10 @@ def run(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         t = experiment.t[rows]
+        if m and p[a.BACKLASH] != 0.0 and experiment.log[m] == experiment.log[m - 1]:
+            last = states[rows.start - 1]  # the stop before leaves the play somewhere between its ends
+            starts[m, s.X] = starts[m, s.MASS] + last[s.X] - last[s.MASS]
+            starts[m, s.PHI] = starts[m, s.X] / p[a.D]
         s.run(
             t,
             now[rows],

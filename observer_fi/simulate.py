@@ -38,14 +38,16 @@ def _rates(s, w, I, x, phi, h, sag, c, w_cmd, late, theta, p):
     d = a.indentation(x, p)
     torque = a.applied_torque(s, w, x, d, phi, theta, p)
     i = _drive_current(w, I, c, h, sag, late, torque, True, p)
+    dw = a.acceleration(i, torque, p)
     dI = w_cmd - w
     dc = 0.0
     if p[a.EXTENDED] != 0.0:
         if abs(I) >= p[a.INTEGRATOR_LIMIT] and dI * I > 0.0:
             dI = 0.0
         if p[a.CURRENT_LAG] > 0.0:
-            dc = (a.command_current(w, I, late, p) - c) / p[a.CURRENT_LAG]
-    return a.acceleration(i, torque, p), dI, a.mass_speed(w, d, torque, p), dc
+            goal = a.command_current(w, I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
+            dc = (goal - c) / p[a.CURRENT_LAG]
+    return dw, dI, a.mass_speed(w, d, torque, p), dc
 
 
 @inlined
@@ -183,6 +185,7 @@ def run(t, commands, late, fine, theta, p, start, out):
                 late[j, 0], late[j, 2], late_end, theta[j], p,
             )  # fmt: skip
         if extended:
+            I = min(max(I, -p[a.INTEGRATOR_LIMIT]), p[a.INTEGRATOR_LIMIT])
             h += dt * a.heating(i, h, p)
             if p[a.SAG_RESISTANCE] != 0.0:
                 goal = p[a.SAG_RESISTANCE] * abs(i)

@@ -1,0 +1,272 @@
+"""Naming what a simulation gets wrong: one cause at a time, each judged on moves that the fit never saw.
+
+Score every variant (`screening`), refit the leading rivals together with everything else, accept the best one if it
+pays for its parameters, explains a good part of what is left, and helps on held-out moves; then ask again.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from observer_fi.effects import CAUSES
+from observer_fi.experiment import Experiment, select
+from observer_fi.fitting import FitResult, Free, fit, inflation, objective, residuals, without_moves
+from observer_fi.models import Model, Rig, override
+from observer_fi.records import Array
+from observer_fi.screening import Candidate, free_of, reach_of, refit, screen
+
+# Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.
+_PRIORS = {
+    "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
+    "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
+}  # fmt: skip
+_SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 7e-5, 0.0, 1e-4)  # half the period of a servo of 7 kHz or more
+_STOPS = {"C": 1.0, "E": 0.2}
+
+
+@dataclass(frozen=True)
+class NamingSettings:
+    """What it takes to name a cause.
+
+    share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel; dust:
+    of the baseline's excess, below which nothing is named: imperfections of larger causes look like that. held_out: share of the gain that must be
+    seen on held-out moves. close: nats, per unit of the residuals' inflation, within which a rival cannot be told
+    apart. alike: |cos| between directions of rivals. rivals: how many are refitted in a round.
+    """
+
+    share: float = 0.25
+    channel_share: float = 0.5
+    dust: float = 0.003
+    held_out: float = 0.3
+    close: float = 6.0
+    alike: float = 0.95
+    rivals: int = 6
+    rounds: int = 6
+    margin: float = 5.0
+
+
+@dataclass(frozen=True)
+class Named:
+    """One accepted cause: candidate, the nats it gained and the penalty it paid, its rivals, and the held-out gain.
+
+    rivals: causes that these data cannot tell from it, with the nats they fall short.
+    """
+
+    candidate: Candidate
+    gain: float
+    penalty: float
+    held_out: float
+    rivals: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Naming:
+    """The baseline refit, the fit with every accepted cause, the causes in order, and the last round's refused ones."""
+
+    experiment: Experiment
+    baseline: FitResult
+    extended: FitResult
+    named: tuple[Named, ...]
+    refused: tuple[tuple[str, float], ...]
+    screened: tuple[Candidate, ...]
+
+
+def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
+    """What a refit may move without saying that something is missing."""
+    names = dict(_PRIORS)
+    free = []
+    if math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"]):
+        names |= _STOPS
+    for name, relative in names.items():
+        value = rig.model[name]
+        free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
+    for name in ("x_stop_high", "x_stop_low"):
+        if math.isfinite(model[name]):
+            free.append(Free(name, 2e-6, -1.0, 1.0, model[name], 1e-2))
+    return (*free, _SERVO_DELAY)
+
+
+def excess(experiment: Experiment, r: Array) -> float:
+    """Misfit over the noise [nats], less three standard deviations of what white noise alone shows; never negative."""
+    n = int((experiment.weight > 0.0).sum())
+    return max(0.5 * (float(np.vdot(r, r)) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+
+
+def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
+    """(N, 3) residuals of every move under the parameters fitted without it, started from its own rest only."""
+    parts = []
+    for m in range(experiment.moves):
+        model = without_moves(fitted, [m])
+        window = [m - 1, m] if m and model["backlash"] != 0.0 else [m]
+        r = residuals(select(experiment, window), model, np.zeros((len(window), 2)))
+        parts.append(r[-(experiment.rows(m).stop - experiment.rows(m).start) :])
+    return np.concatenate(parts)
+
+
+def causes_of(experiment: Experiment, model: Model) -> tuple[str, ...]:
+    """The causes that this experiment can speak about at all."""
+    touched = math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"])
+    return tuple(name for name, cause in CAUSES.items() if cause.variants and (touched or cause.equation != "contact"))
+
+
+def penalty(experiment: Experiment, parameters: int, candidates: int) -> float:
+    """Extended BIC of one more candidate [nats]: k (ln n / 2 + ln candidates)."""
+    n = int((experiment.weight > 0.0).sum())
+    return parameters * 0.5 * math.log(n) + math.log(candidates)
+
+
+def name_causes(
+    experiment: Experiment,
+    rig: Rig,
+    model: Model,
+    settings: NamingSettings | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Naming:
+    """Refit, then name one cause after the other until nothing pays."""
+    settings = settings or NamingSettings()
+    progress("refit of the rig")
+    baseline = fit(experiment, model, base_parameters(rig, model))
+    most = excess(experiment, baseline.residuals)
+    fitted, named, refused, screened = baseline, [], (), ()
+    for _ in range(settings.rounds):
+        progress(f"scores, {len(named)} named so far")
+        step, refused, screened = _next(experiment, fitted, tuple(named), most, settings)
+        if step is None:
+            break
+        named.append(step)
+        fitted = refit(experiment, fitted, step.candidate, _reach(experiment, fitted), exact=True)
+    if len(named) > 1:
+        progress("does each cause still stand")
+        fitted, named = _prune(experiment, fitted, named, most, settings)
+    return Naming(experiment, baseline, fitted, tuple(named), refused, screened)
+
+
+def _reach(experiment: Experiment, fitted: FitResult) -> dict[str, float]:
+    return reach_of(experiment, fitted.model, fitted.nuisance)
+
+
+def _next(
+    experiment: Experiment, fitted: FitResult, named: tuple[Named, ...], most: float, settings: NamingSettings
+) -> tuple[Named | None, tuple[tuple[str, float], ...], tuple[Candidate, ...]]:
+    reach = _reach(experiment, fitted)
+    taken = {n.candidate.cause.name for n in named}
+    causes = [name for name in causes_of(experiment, fitted.model) if name not in taken]
+    candidates = screen(experiment, fitted, causes, reach)
+    rivals = _shortlist(candidates, settings)
+    tried = [(c, refit(experiment, fitted, c, reach)) for c in rivals]
+    scored = sorted(
+        ((fitted.objective - r.objective - _price(experiment, c, candidates), c, r) for c, r in tried),
+        key=lambda item: -item[0],
+    )
+    refused = tuple((c.cause.name, net) for net, c, _ in scored)
+    for net, candidate, result in scored:
+        gain = fitted.objective - result.objective
+        factor = inflation(experiment, result.residuals)
+        if net < settings.margin or gain / factor < _price(experiment, candidate, candidates) + settings.margin:
+            continue
+        if not _matters(experiment, fitted, result, most, settings):
+            continue
+        seen = _held_out_gain(experiment, fitted, result)
+        if seen < settings.held_out * gain:
+            continue
+        others = _indistinguishable(candidate, net, factor, scored, settings)
+        return Named(candidate, gain, _price(experiment, candidate, candidates), seen, others), refused, tuple(candidates)
+    return None, refused, tuple(candidates)
+
+
+def _matters(
+    experiment: Experiment, before: FitResult, after: FitResult, most: float, settings: NamingSettings
+) -> bool:
+    """Whether the gain is a good part of the misfit that is left, in all or in one channel, and not dust of the whole.
+
+    most: the excess of the baseline [nats].
+    """
+    gain = before.objective - after.objective
+    if gain < settings.dust * most:
+        return False
+    if gain >= settings.share * excess(experiment, before.residuals):
+        return True
+    for c in range(3):
+        left = channel_excess(experiment, before.residuals, c)
+        won = 0.5 * float(np.sum(before.residuals[:, c] ** 2) - np.sum(after.residuals[:, c] ** 2))
+        if left > 0.0 and won >= settings.channel_share * left:
+            return True
+    return False
+
+
+def channel_excess(experiment: Experiment, r: Array, channel: int) -> float:
+    """`excess` of one channel [nats]."""
+    n = int((experiment.weight[:, channel] > 0.0).sum())
+    return max(0.5 * (float(np.sum(r[:, channel] ** 2)) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+
+
+def _price(experiment: Experiment, candidate: Candidate, candidates: Sequence[Candidate]) -> float:
+    return penalty(experiment, len(candidate.variant.terms), max(len(candidates), 1))
+
+
+def _shortlist(candidates: Sequence[Candidate], settings: NamingSettings) -> list[Candidate]:
+    """The best two variants of the best causes."""
+    chosen: list[Candidate] = []
+    causes: dict[str, int] = {}
+    for c in candidates:
+        if c.gain <= 1.0:
+            break
+        count = causes.get(c.cause.name, 0)
+        if count >= 2 or (count == 0 and len(causes) >= settings.rivals):
+            continue
+        causes[c.cause.name] = count + 1
+        chosen.append(c)
+    return chosen
+
+
+def _held_out_gain(experiment: Experiment, before: FitResult, after: FitResult) -> float:
+    """Nats by which held-out moves are better explained, and what is known of the rig better respected."""
+    r0, r1 = held_out_residuals(experiment, before), held_out_residuals(experiment, after)
+    prior = objective(before.model, before.free, np.zeros(1)) - objective(after.model, after.free, np.zeros(1))
+    return 0.5 * float(np.vdot(r0, r0) - np.vdot(r1, r1)) + prior
+
+
+def _indistinguishable(
+    best: Candidate, net: float, factor: float, scored: Sequence[tuple[float, Candidate, FitResult]], settings: NamingSettings
+) -> dict[str, float]:
+    """Causes that fall short by too little, or move the readings in the same direction, and aliases."""
+    others = dict.fromkeys(best.cause.aliases, 0.0)
+    for other_net, c, _ in scored:
+        if c.cause.name == best.cause.name or c.cause.name in others:
+            continue
+        short = net - other_net
+        if short < settings.close * factor:
+            others[c.cause.name] = short
+            others |= {alias: short for alias in c.cause.aliases if alias not in others}
+    return others
+
+
+def _prune(
+    experiment: Experiment, fitted: FitResult, named: list[Named], most: float, settings: NamingSettings
+) -> tuple[FitResult, list[Named]]:
+    """Drop what lost its support after others entered; swap what another cause explains better by now."""
+    for item in sorted(named, key=lambda n: n.gain):
+        if len(named) < 2:
+            break
+        without = _without(experiment, fitted, item.candidate)
+        rest = tuple(n for n in named if n is not item)
+        step, _, _ = _next(experiment, without, rest, most, settings)
+        if step is None:
+            named, fitted = list(rest), without
+        elif step.candidate.cause.name != item.candidate.cause.name:
+            named = [step if n is item else n for n in named]
+            fitted = refit(experiment, without, step.candidate, _reach(experiment, without), exact=True)
+        else:
+            named = [step if n is item else n for n in named]
+    return fitted, named
+
+
+def _without(experiment: Experiment, fitted: FitResult, candidate: Candidate) -> FitResult:
+    """The fit with one cause taken out again."""
+    terms = candidate.variant.terms
+    names = {t.parameter for t in terms}
+    neutral = {t.parameter: t.neutral for t in terms}
+    free = tuple(f for f in fitted.free if f.name not in names)
+    return fit(experiment, override(fitted.model, fitted.model.name, **neutral), free, fitted.nuisance)
