@@ -19,7 +19,6 @@ from observer_fi.settings import BankSettings
 
 _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | {
     "torque": tr.TORQUE,
-    "voltage": tr.VOLTAGE,
     "rate": tr.RATE,
 }
 
@@ -45,7 +44,7 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     plant = rig.model
     motion = ("w", "I", "x")
     spread = tuple(name for name in ("A", "B") if rig.spread(name) > 0.0) if settings.augment else ()
-    inertia = ("J",) if settings.augment else ()
+    inertia = ("J", "Vmax") if settings.augment else ()
     contact = tuple(name for name in ("C", "E") if settings.augment and rig.spread(name) > 0.0)
     loose = tuple(name for name in ("A_decoupled",) if settings.augment and rig.spread(name) > 0.0)
     nominal = (*motion, *spread, *inertia)
@@ -60,6 +59,9 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     if settings.sensors:
         named += [Hypothesis(f"sensor:{c}", "sensor_fault", plant, nominal, k) for k, c in enumerate(CHANNELS)]
     return tuple(named)
+
+
+SHARED = ("A", "B", "J", "Vmax")  # constants of the plant itself, whatever the hypothesis
 
 
 class BankArrays(NamedTuple):
@@ -116,7 +118,7 @@ def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
     own = np.zeros((len(hypotheses), n), dtype=np.bool_)
     for j, h in enumerate(hypotheses):
         for k, state in enumerate(h.states):
-            own[j, k] = state in INDEX and state not in hypotheses[0].states and state not in ("A", "B", "J")
+            own[j, k] = state in INDEX and state not in hypotheses[0].states and state not in SHARED
     return own
 
 
@@ -124,8 +126,8 @@ def _entry(state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
     if state in settings.entry_std:
         return 0.0, settings.entry_std[state] ** 2
-    if state == "J":
-        return 1.0, settings.inertia_spread**2
+    if state in settings.doubt:
+        return 1.0, settings.doubt[state] ** 2
     return 1.0, rig.spread(state) ** 2
 
 

@@ -204,9 +204,9 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
     Fills rows j of y (m, 3), the prediction, and seen (m, 3), the innovations over their standard deviations. work (2, n): scratch.
     A glitch counts as one at the gate and moves nothing.
     """
-    n, at_v, failed = b.layout[j, tr.SIZE], b.layout[j, tr.AT_VOLTAGE], b.failed[j]
+    n, at_v, failed = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j]
     tr.load_parameters(j, x, b.layout, b.parameters, p)
-    tr.channels(j, x, b.layout, slow, w_cmd, theta, p, y, H)
+    tr.channels(j, x, b.layout, slow, w_cmd, theta, p, b.parameters, y, H)
     for k in range(n):
         work[0, k] = x[j, k]
     log_density, nis, product = 0.0, 0.0, 1.0
@@ -215,16 +215,16 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
         if z[row, c] != z[row, c] or c == failed:
             continue
         h0, h1, h2 = H[c, 0], H[c, 1], H[c, 2]
-        hv = 1.0 if c == 0 and at_v >= 0 else 0.0
+        hv = H[c, 3] if at_v >= 0 else 0.0
         e = z[row, c] - y[j, c] - h0 * (x[j, 0] - work[0, 0]) - h1 * (x[j, 1] - work[0, 1]) - h2 * (x[j, 2] - work[0, 2])
         for k in range(n):
             work[1, k] = P[j, k, 0] * h0 + P[j, k, 1] * h1 + P[j, k, 2] * h2
         if hv != 0.0:
-            e -= x[j, at_v] - work[0, at_v]
+            e -= hv * (x[j, at_v] - work[0, at_v])
             for k in range(n):
-                work[1, k] += P[j, k, at_v]
+                work[1, k] += P[j, k, at_v] * hv
         change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
-        S = b.noise[c] + change * change + h0 * work[1, 0] + h1 * work[1, 1] + h2 * work[1, 2] + (work[1, at_v] if hv != 0.0 else 0.0)
+        S = b.noise[c] + change * change + h0 * work[1, 0] + h1 * work[1, 1] + h2 * work[1, 2] + (hv * work[1, at_v] if hv != 0.0 else 0.0)
         seen[j, c] = e / math.sqrt(S)
         product *= S
         log_density -= tr.LOG_2PI
@@ -245,6 +245,10 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
         h0, h1, h2 = H[failed, 0], H[failed, 1], H[failed, 2]
         expected = y[j, failed] + h0 * (x[j, 0] - work[0, 0]) + h1 * (x[j, 1] - work[0, 1]) + h2 * (x[j, 2] - work[0, 2])
         spread = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
+        if at_v >= 0:
+            hv = H[failed, 3]
+            expected += hv * (x[j, at_v] - work[0, at_v])
+            spread += hv * (hv * P[j, at_v, at_v] + 2.0 * (h0 * P[j, 0, at_v] + h1 * P[j, 1, at_v] + h2 * P[j, 2, at_v]))
         spread += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
         change = tune.timing * (y[j, failed] - last_y[j, failed]) if last_y[j, failed] == last_y[j, failed] else 0.0
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
@@ -285,7 +289,7 @@ class Scratch(NamedTuple):
     """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
 
     to_x (m, n), to_P (m, n, n), to_bias (m, 2): the other side of mixing; M (m, m); p (VECTOR_SIZE,); mu, log_density,
-    log_c (m,); y, seen (m, 3); g (3, n), F, T (4, n), H (3, 3), work (2, n),
+    log_c (m,); y, seen (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
     square (2, m, m).
     """
 
@@ -314,7 +318,7 @@ def scratch(b: BankArrays) -> Scratch:
     g[1, 0] = -1.0
     return Scratch(
         np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)), np.eye(m), b.parameters[0].copy(), np.zeros(m), np.zeros(m),
-        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 3)), np.zeros((2, n)),
+        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),
         np.zeros((2, m, m)),
     )  # fmt: skip
 

@@ -20,20 +20,21 @@ class BankSettings:
     recovery_rate: float = 1e-4
     between_rate: float = 1e-5
     rare: float = 0.1
-    inertia_spread: float = 0.05
+    # Relative spread of constants that Table 1 gives none for but that differ between rigs, and from charge to charge.
+    doubt: dict[str, float] = field(default_factory=lambda: {"J": 0.05, "Vmax": 0.03})
     # Prior of a state that a hypothesis has and its source has not.
     entry_std: dict[str, float] = field(
         default_factory=lambda: {
-            "w": 1.0, "I": 0.05, "x": 1e-3, "d": 2e-6, "torque": 5e-4, "voltage": 0.5, "rate": 1e-3,
+            "w": 1.0, "I": 0.05, "x": 1e-3, "d": 2e-6, "torque": 5e-4, "rate": 1e-3,
         }
     )  # fmt: skip
     # Growth of the standard deviation per square root of a second.
     diffusion: dict[str, float] = field(
         default_factory=lambda: {
-            "w": 1.0, "I": 1e-4, "x": 5e-7, "d": 0.0, "torque": 2e-4, "voltage": 0.1, "rate": 5e-4,
+            "w": 0.1, "I": 3e-5, "x": 5e-7, "d": 0.0, "torque": 2e-4, "rate": 5e-4,
         }
     )  # fmt: skip
-    wander: dict[str, float] = field(default_factory=lambda: {"A": 0.01})
+    wander: dict[str, float] = field(default_factory=lambda: {"A": 0.002})
     # Timing of a sampled servo, as a share of the sample-to-sample change of a channel.
     timing: float = 0.1
     # Speed lost or won in a sample that parameters outside the state (gains, supply, winding) put in doubt, as a share.

@@ -6,7 +6,7 @@ states of a hypothesis enter the equations of `actuator.py`.
 Functions take the arrays of a whole bank and the row j of a hypothesis: a slice costs more than an equation.
 
 A state vector starts with w [rad/s], I [rad], x [m]; the rest is given by `kinds`, one code a state: D_STATE the
-indentation of a stop [m], TORQUE, VOLTAGE and RATE the free disturbances of "none of these" [N m, V, m/s], and
+indentation of a stop [m], TORQUE and RATE the free disturbances of "none of these" [N m, m/s], and
 SCALE + k a factor on parameter k of the equations, 1 in the mean.
 
 The trajectory of the mean carries slow states that have no variance (`slow`): motor angle phi [rad], resistance rise h,
@@ -20,17 +20,17 @@ import numpy as np
 from observer_fi import actuator as a
 from observer_fi.compiled import inlined
 
-W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, VOLTAGE, RATE = range(7)
+W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
 PHI, H, SAG, LAGGED = range(4)
 SLOW = 4
 STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
 # A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1.
-SIZE, AT_D, AT_TORQUE, AT_VOLTAGE, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(11)
+SIZE, AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(11)
 LAYOUT = 11
 _LOOKED_UP = {
-    AT_D: D_STATE, AT_TORQUE: TORQUE, AT_VOLTAGE: VOLTAGE, AT_RATE: RATE, AT_A: SCALE + a.A, AT_B: SCALE + a.B,
+    AT_D: D_STATE, AT_TORQUE: TORQUE, AT_SUPPLY: SCALE + a.VMAX, AT_RATE: RATE, AT_A: SCALE + a.A, AT_B: SCALE + a.B,
     AT_LOOSE: SCALE + a.A_DECOUPLED, AT_C: SCALE + a.C, AT_E: SCALE + a.E, AT_J: SCALE + a.J,
 }  # fmt: skip
 
@@ -59,6 +59,7 @@ def load_parameters(j, x, at, base, p):
     p[a.A_DECOUPLED] = base[j, a.A_DECOUPLED] * (x[j, at[j, AT_LOOSE]] if at[j, AT_LOOSE] >= 0 else 1.0)
     p[a.C] = base[j, a.C] * (x[j, at[j, AT_C]] if at[j, AT_C] >= 0 else 1.0)
     p[a.E] = base[j, a.E] * (x[j, at[j, AT_E]] if at[j, AT_E] >= 0 else 1.0)
+    p[a.VMAX] = base[j, a.VMAX] * (x[j, at[j, AT_SUPPLY]] if at[j, AT_SUPPLY] >= 0 else 1.0)
     factor = x[j, at[j, AT_J]] if at[j, AT_J] >= 0 else 1.0
     p[a.J] = base[j, a.J] * factor
     p[a.J_DECOUPLED] = base[j, a.J_DECOUPLED] * factor
@@ -189,9 +190,10 @@ def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
     s = 1.0 if w > 0.0 else -1.0
     i_cmd = a.command_current(w, I, w_cmd, p)
     i = a.limited_current(i_cmd, w, slow[j, H], slow[j, SAG], p)
-    di_dw, di_dI = -p[a.KP], p[a.KI]
+    di_dw, di_dI, di_dV = -p[a.KP], p[a.KI], 0.0
     if i != i_cmd:
-        di_dw, di_dI = -p[a.KM] / (p[a.RM] * (1.0 + slow[j, H]) + p[a.RS]), 0.0
+        per_R = 1.0 / (p[a.RM] * (1.0 + slow[j, H]) + p[a.RS])
+        di_dw, di_dI, di_dV = -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd)
     per_J = 1.0 / a.inertia(p)
     load = a.applied_torque(s, w, pos, d, slow[j, PHI], theta, p) + torque
     g[0, 0] = p[a.KM] * di_dw * per_J
@@ -204,6 +206,8 @@ def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
         g[0, 0] -= (a.applied_torque(s, w + dw, pos, d, slow[j, PHI], theta, p) + torque - load) / dw * per_J
         g[0, 2] -= (a.applied_torque(s, w, pos + dp, d, slow[j, PHI], theta, p) + torque - load) / dp * per_J
     g[2, 0] = a.mass_speed(1.0, d, load, p)
+    if at[j, AT_SUPPLY] >= 0:
+        g[0, at[j, AT_SUPPLY]] = p[a.KM] * di_dV * base[j, a.VMAX] * per_J
     if at[j, AT_A] >= 0:
         g[0, at[j, AT_A]] = -p[a.COUPLING] * s * base[j, a.A] * per_J
     if at[j, AT_B] >= 0:
@@ -261,10 +265,11 @@ def transition(j, at, g, t, resting, F):
 
 
 @inlined
-def channels(j, x, at, slow, w_cmd, theta, p, y, H):
-    """Predicted voltage, current, position, into y (m, 3) row j, and their slopes by w, I and x, into H (3, 3).
+def channels(j, x, at, slow, w_cmd, theta, p, base, y, H):
+    """Predicted voltage, current, position, into y (m, 3) row j, and their slopes by w, I, x and the factor of the
+    supply, into H (3, 4).
 
-    Equation 15 for the voltage, equation 6 for the current. A free VOLTAGE state adds to the voltage with slope 1.
+    Equation 15 for the voltage, equation 6 for the current.
     """
     w, I = x[j, 0], x[j, 1]
     i_cmd = a.command_current(w, I, w_cmd, p)
@@ -272,9 +277,10 @@ def channels(j, x, at, slow, w_cmd, theta, p, y, H):
         i_cmd = slow[j, LAGGED]
     i = a.limited_current(i_cmd, w, slow[j, 1], slow[j, SAG], p)
     resistance = p[a.RM] * (1.0 + slow[j, 1])
-    di_dw, di_dI = -p[a.KP], p[a.KI]
+    di_dw, di_dI, di_dV = -p[a.KP], p[a.KI], 0.0
     if i != i_cmd:
-        di_dw, di_dI = -p[a.KM] / (resistance + p[a.RS]), 0.0
+        per_R = 1.0 / (resistance + p[a.RS])
+        di_dw, di_dI, di_dV = -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd) * base[j, a.VMAX]
     y[j, 0] = a.terminal_voltage(i, w, slow[j, 1], p)
     y[j, 1] = i
     y[j, 2] = x[j, 2]
@@ -285,17 +291,18 @@ def channels(j, x, at, slow, w_cmd, theta, p, y, H):
         gain = p[a.CURRENT_GAIN]
         y[j, 2] = a.position_reading(x[j, 2], a.mass_speed(w, 0.0, 0.0, p), p)
         lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
-    if at[j, AT_VOLTAGE] >= 0:
-        y[j, 0] += x[j, at[j, AT_VOLTAGE]]
     H[0, 0] = resistance * di_dw + p[a.KM]
     H[0, 1] = resistance * di_dI
     H[0, 2] = 0.0
+    H[0, 3] = resistance * di_dV
     H[1, 0] = gain * di_dw
     H[1, 1] = gain * di_dI
     H[1, 2] = 0.0
+    H[1, 3] = gain * di_dV
     H[2, 0] = -lag
     H[2, 1] = 0.0
     H[2, 2] = p[a.POSITION_GAIN]
+    H[2, 3] = 0.0
 
 
 LOG_2PI = math.log(2.0 * math.pi)
