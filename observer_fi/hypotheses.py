@@ -69,7 +69,8 @@ class BankArrays(NamedTuple):
 
     size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,); source (m, m, n): for target j, source i and state
     k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
-    variance per second; rates (m, m) per second; noise (3,) variance of the channels; own (m, n) constants that the nominal hypothesis does not have.
+    variance per second; rates (m, m) per second; noise (3,) variance of the channels; own (m, n) constants that the nominal hypothesis does not have;
+    alike (m, m) whether two hypotheses have the same states.
     """
 
     size: np.ndarray
@@ -83,6 +84,7 @@ class BankArrays(NamedTuple):
     rates: Array
     noise: Array
     own: np.ndarray
+    alike: np.ndarray
 
 
 def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings) -> BankArrays:
@@ -110,6 +112,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         transition_rates(hypotheses, settings),
         rig.noise_std**2,
         own_constants(hypotheses, n),
+        np.array([[a.states == b.states for b in hypotheses] for a in hypotheses]),
     )
 
 

@@ -93,6 +93,22 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
 
 
 @inlined
+def _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P):
+    """Add the moments of source i, which has other states than target j, to row j of to_P."""
+    for k in range(n):
+        at = b.source[j, i, k]
+        dk = (x[i, at] if at >= 0 else b.entry_mean[j, k]) - to_x[j, k]
+        for q in range(k + 1):
+            to = b.source[j, i, q]
+            cov = dk * ((x[i, to] if to >= 0 else b.entry_mean[j, q]) - to_x[j, q])
+            if at >= 0 and to >= 0:
+                cov += P[i, at, to]
+            elif at == -1 and k == q:
+                cov += b.entry_var[j, k]
+            to_P[j, k, q] += weight * cov
+
+
+@inlined
 def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
     """IMM mixing: moments of every hypothesis before the step, from x, P, bias into to_x, to_P, to_bias.
 
@@ -116,26 +132,26 @@ def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
             weight = M[i, j] * mu[i] / c
             if weight < NEGLIGIBLE:
                 continue
-            for k in range(n):
-                at = b.source[j, i, k]
-                to_x[j, k] += weight * (x[i, at] if at >= 0 else b.entry_mean[j, k])
+            if b.alike[j, i]:
+                for k in range(n):
+                    to_x[j, k] += weight * x[i, k]
+            else:
+                for k in range(n):
+                    at = b.source[j, i, k]
+                    to_x[j, k] += weight * (x[i, at] if at >= 0 else b.entry_mean[j, k])
             if i == j:
                 to_bias[j, 0] += weight * bias[j, 0]
         for i in range(m):
             weight = M[i, j] * mu[i] / c
             if weight < NEGLIGIBLE:
                 continue
-            for k in range(n):
-                at = b.source[j, i, k]
-                dk = (x[i, at] if at >= 0 else b.entry_mean[j, k]) - to_x[j, k]
-                for q in range(k + 1):
-                    to = b.source[j, i, q]
-                    cov = dk * ((x[i, to] if to >= 0 else b.entry_mean[j, q]) - to_x[j, q])
-                    if at >= 0 and to >= 0:
-                        cov += P[i, at, to]
-                    elif at == -1 and k == q:
-                        cov += b.entry_var[j, k]
-                    to_P[j, k, q] += weight * cov
+            if b.alike[j, i]:
+                for k in range(n):
+                    dk = x[i, k] - to_x[j, k]
+                    for q in range(k + 1):
+                        to_P[j, k, q] += weight * (P[i, k, q] + dk * (x[i, q] - to_x[j, q]))
+            else:
+                _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P)
             if b.failed[j] >= 0:
                 off = (bias[j, 0] if i == j else 0.0) - to_bias[j, 0]
                 to_bias[j, 1] += weight * (off * off + (bias[j, 1] if i == j else entry * b.noise[b.failed[j]]))
@@ -323,9 +339,10 @@ def scratch(b: BankArrays) -> Scratch:
     )  # fmt: skip
 
 
-@uncounted
-def _copy_back(m, n, state, scr):
-    for j in range(m):
+@inlined
+def _copy_back(b, state, scr):
+    for j in range(b.size.size):
+        n = b.layout[j, tr.SIZE]
         for k in range(n):
             state.x[j, k] = scr.to_x[j, k]
             for q in range(n):
@@ -357,7 +374,7 @@ def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_n
                 tr.mode_transition(b.rates, dt, scr.M, scr.square)
                 mixed_dt = dt
             _mix(b, entry, scr.M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.log_c)
-            _copy_back(m, n, state, scr)
+            _copy_back(b, state, scr)
         for j in range(m):
             if not first:
                 _predict(j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.g, scr.F, scr.T)

@@ -232,7 +232,7 @@ def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
 def transition(j, at, g, t, resting, F):
     """Rows of the discrete transition matrix for w, I, x and, where there is one, d, into F (4, n): I + g t + (g t)^2 / 2.
 
-    d moves with x. A motor that rests forgets its speed, and nothing else moves.
+    Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later. d moves with x. A motor that rests forgets its speed, and nothing else moves.
     """
     n = at[j, SIZE]
     if resting:
@@ -249,10 +249,12 @@ def transition(j, at, g, t, resting, F):
     half = 0.5 * t * t
     by_d = g[0, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
     for k in range(n):
-        torque = g[0, k]
-        F[0, k] = t * torque + half * (g[0, 0] * torque + (g[0, 2] + by_d) * g[2, k])
-        F[1, k] = -half * torque
-        F[2, k] = t * g[2, k] + half * g[2, 0] * torque
+        F[0, k] = t * g[0, k] + half * (g[0, 0] * g[0, k] + (g[0, 2] + by_d) * g[2, k])
+        F[1, k] = 0.0
+        F[2, k] = t * g[2, k]
+    for k in range(2):
+        F[1, k] = -half * g[0, k]
+        F[2, k] += half * g[2, 0] * g[0, k]
     F[0, 0] += 1.0 - half * g[0, 1]
     F[1, 0] -= t
     F[1, 1] += 1.0
