@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.columns import COLUMNS, ColumnMap
-from observer_fi.records import Array, Gap, InvalidLogError, Log, Rejected
+from observer_fi.errors import InvalidLogError
+from observer_fi.records import Array, Gap, Log, Rejected
 from observer_fi.tables import Block, Table, joined_blocks, place
 
 LISTED = 1000  # entries kept of each list: enough to see a pattern, and a day of broken samples stays small

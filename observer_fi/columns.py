@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.models import unknown_name
-from observer_fi.records import InvalidLogError, UsageError
 
 T = TypeVar("T")
 

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.models import Model
-from observer_fi.records import Array, InvalidLogError, Log, UsageError
+from observer_fi.records import Array, Log
 from observer_fi.segment import saturated
 
 BLOCK_S = 0.005

@@ -15,6 +15,9 @@ import numba
 _SOURCES = ("actuator.py", "transition.py", "kernels.py", "simulate.py", "mixture.py", "fitting.py")
 # No "nnan" and no "ninf": masks rely on NaN, unlimited clamps on infinity.
 _FASTMATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True}
+# Counting references to arrays that nobody frees takes most of a small loop's time; numba keeps the switch private.
+_UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 
 
 def _cache_folder() -> Path:
@@ -34,14 +37,14 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` compiled by numba, or as it is where NUMBA_DISABLE_JIT is set."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH)(function)
+    return numba.njit(**_OPTIONS)(function)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `compiled`, and LLVM puts the body in place of each call: passing a parameter array costs more than an equation."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True, _nrt=False)(function)
+    return numba.njit(forceinline=True, **_UNCOUNTED)(function)
 
 
 def uncounted(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `compiled`, without reference counts: for loops that allocate nothing and get all their work arrays."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FASTMATH, _nrt=False)(function)
+    return numba.njit(**_UNCOUNTED)(function)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.columns import ColumnMap
-from observer_fi.records import InvalidLogError, Rejected
+from observer_fi.errors import InvalidLogError
+from observer_fi.records import Rejected
 from observer_fi.tables import NO_VALUE, Block, Table, not_a_number, place, plain, positions, regrouped
 
 PREAMBLE_BYTES = 1 << 18

@@ -58,10 +58,15 @@ def diagnose(
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     for log in chunks(file, path, rig, columns):
         run.add(log)
-    facts = {"sha256": file.sha256, "metadata": file.metadata}
+    facts: dict[str, Any] = {"sha256": file.sha256, "metadata": file.metadata}
     if file.has_command:
         whole = file.summary
-        facts |= {"gaps": whole.gaps, "rejected": whole.rejected, "rejected_count": whole.rejected_count, "notes": whole.notes}
+        facts |= {
+            "gaps": whole.gaps,
+            "rejected": whole.rejected,
+            "rejected_count": whole.rejected_count,
+            "notes": whole.notes,
+        }
     return run.outcome(log_name(path), facts)
 
 
@@ -77,11 +82,15 @@ def chunks(file: LogFile, path: str | Path, rig: Rig, columns: ColumnMap | None)
         yield _part(whole, slice(first, first + CHUNK_ROWS))
 
 
-def diagnose_log(log: Log, rig: Rig, settings: Settings, *, engine: str = "compiled", filter_kind: str = "ekf") -> Outcome:
+def diagnose_log(
+    log: Log, rig: Rig, settings: Settings, *, engine: str = "compiled", filter_kind: str = "ekf"
+) -> Outcome:
     """The verdict on a log in memory."""
     run = Diagnosis(rig, settings, engine, filter_kind)
     run.add(log)
-    facts = {k: getattr(log, k) for k in ("sha256", "metadata", "gaps", "rejected", "rejected_count", "notes")}
+    facts = {
+        k: getattr(log, k) for k in ("sha256", "metadata", "gaps", "rejected", "rejected_count", "notes")
+    }
     return run.outcome(log_name(log.path), facts)
 
 
@@ -89,14 +98,22 @@ class Diagnosis:
     """One log under way: `add` its chunks in order, then `outcome`."""
 
     def __init__(
-        self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf", detected_at: float | None = None
+        self,
+        rig: Rig,
+        settings: Settings,
+        engine: str = "compiled",
+        filter_kind: str = "ekf",
+        detected_at: float | None = None,
     ) -> None:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
         self.engine, self.filter_kind = engine, filter_kind
         self.bank = make_bank(rig, settings, engine, filter_kind)
-        compiled = isinstance(self.bank, kernels.Bank)
         # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
-        self.keeper = self.bank if compiled else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
+        self.keeper: kernels.Bank = (
+            self.bank
+            if isinstance(self.bank, kernels.Bank)
+            else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
+        )
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.isolator = Isolator(modes, settings.decision)
         self.onsets: dict[tuple[float, int], Any] = {}
@@ -155,18 +172,24 @@ class Diagnosis:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
         modes = self.isolator.modes
         for start, j in keys:
-            if label_of(modes[j]) == event.label and (event.channel is None or modes[j].endswith(event.channel)):
+            if label_of(modes[j]) == event.label and (
+                event.channel is None or modes[j].endswith(event.channel)
+            ):
                 found = self.onsets[start, j][1]
                 return event._replace(onset_s=found.median, onset_interval_s=(found.low, found.high))
         if event.label != "nominal" and event.detected_s is not None:
-            return event._replace(onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s))
+            return event._replace(
+                onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s)
+            )
         return event
 
     def outcome(self, name: str, facts: dict[str, Any]) -> Outcome:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         events = tuple(self._with_onset(e) for e in found.events)
-        verdict = next((b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict)
+        verdict = next(
+            (b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict
+        )
         isolation = Isolation(verdict, events, found.consistency)
         empty = np.empty(0)
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
@@ -226,7 +249,9 @@ class Baseline:
         if self.mixture is None and detected_s is not None:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
             state = e.states[max(first - 1, 0), :3]
-            self.mixture = Mixture(self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None)
+            self.mixture = Mixture(
+                self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None
+            )
             log, active = _part(log, slice(first, None)), e.active[first:]
         else:
             active = e.active

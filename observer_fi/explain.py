@@ -5,7 +5,8 @@ from observer_fi.records import Event, Isolation, Log
 
 _WHAT = {
     "nominal": "The actuator behaved as its model says.",
-    "overload": "The mass pressed against an obstacle or a travel limit: current rose while the mass moved at about half its speed.",
+    "overload": "The mass pressed against an obstacle or a travel limit: current rose while the mass moved at "
+    "about half its speed.",
     "coupling_loss": "The motor turned without moving the mass: the coupling between lead screw and nut has let go.",
     "sensor_fault": "The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
     "unknown": "Something went wrong that is none of the known faults.",
@@ -18,9 +19,15 @@ _ACT = {
     "unknown": "Inspect the drive by hand, and compare friction, supply and winding resistance with an earlier healthy move.",
 }
 _ALIKE = {
-    ("sensor_fault", "voltage"): "A changed winding resistance looks the same as a voltage sensor fault in these channels: "
+    (
+        "sensor_fault",
+        "voltage",
+    ): "A changed winding resistance looks the same as a voltage sensor fault in these channels: "
     "measure the resistance at rest to tell them apart.",
-    ("sensor_fault", "position"): "A nut that slips or a lost coupling can look like a dead position sensor while the speed is steady: "
+    (
+        "sensor_fault",
+        "position",
+    ): "A nut that slips or a lost coupling can look like a dead position sensor while the speed is steady: "
     "a reversal, or the encoder, tells them apart.",
     ("unknown", None): "A wrong pitch reading looks the same as a changed load.",
 }
@@ -41,7 +48,9 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
         words += _blind_spot(rig)
     later = [e for e in isolation.events if e.label not in ("nominal", v.label)]
     if later:
-        words.append(f"Other moves of this log show {', '.join(sorted({e.label.replace('_', ' ') for e in later}))}.")
+        words.append(
+            f"Other moves of this log show {', '.join(sorted({e.label.replace('_', ' ') for e in later}))}."
+        )
     words.append(_ACT[v.label].format(channel=v.channel))
     if not isolation.events:
         words = ["The log holds no commanded move, so it says nothing about the actuator."]
@@ -70,4 +79,7 @@ def _blind_spot(rig: Rig) -> list[str]:
     if not model["B"]:
         return []
     angle = (model["A_decoupled"] - model["A"]) / model["B"]
-    return [f"Near {angle:.1f} deg of pitch (forward moves) a lost coupling draws the nominal current, and only a start or a reversal tells."]
+    return [
+        f"Near {angle:.1f} deg of pitch (forward moves) a lost coupling draws the nominal current, "
+        "and only a start or a reversal tells."
+    ]

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from observer_fi.columns import ColumnMap
 from observer_fi.csv_format import open_csv
+from observer_fi.errors import InvalidLogError
 from observer_fi.labview_formats import open_lvm, open_tdms
 from observer_fi.parquet_format import open_parquet
-from observer_fi.records import InvalidLogError
 from observer_fi.tables import Table
 
 SUFFIXES = (".csv.gz", ".csv", ".parquet", ".tdms", ".lvm", ".txt", ".tsv", ".dat", ".pq")

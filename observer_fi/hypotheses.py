@@ -51,13 +51,17 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     named = [
         Hypothesis("nominal", "nominal", plant, nominal),
         Hypothesis("overload", "overload", models.overload(plant), (*nominal, "d", *contact)),
-        Hypothesis("coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *loose, *inertia)),
+        Hypothesis(
+            "coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *loose, *inertia)
+        ),
     ]
     if settings.unknown:
         free = ("torque", "rate")
         named.append(Hypothesis("unknown", "unknown", plant, (*motion, *inertia, *free)))
     if settings.sensors:
-        named += [Hypothesis(f"sensor:{c}", "sensor_fault", plant, nominal, k) for k, c in enumerate(CHANNELS)]
+        named += [
+            Hypothesis(f"sensor:{c}", "sensor_fault", plant, nominal, k) for k, c in enumerate(CHANNELS)
+        ]
     return tuple(named)
 
 
@@ -67,9 +71,10 @@ SHARED = ("A", "B", "J", "Vmax")  # constants of the plant itself, whatever the 
 class BankArrays(NamedTuple):
     """A bank as the arrays that the engines take; m hypotheses of at most n states.
 
-    size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,); source (m, m, n): for target j, source i and state
-    k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
-    variance per second; rates (m, m) per second; noise (3,) variance of the channels; own (m, n) constants that the nominal hypothesis does not have;
+    size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,);
+    source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
+    variance per second; rates (m, m) per second; noise (3,) variance of the channels;
+    own (m, n) constants that the nominal hypothesis does not have;
     alike (m, m) whether two hypotheses have the same states.
     """
 

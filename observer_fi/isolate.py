@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 
+Mask = NDArray[np.bool_]
 NOMINAL, UNKNOWN = "nominal", "unknown"
 
 
@@ -94,7 +96,7 @@ class EventTracker:
             self.doubted = float(e.t[0])
         self.final = p[-1]
 
-    def _runs(self, j: int, t: Array, sure: Array, nominal: Array) -> None:
+    def _runs(self, j: int, t: Array, sure: Mask, nominal: Mask) -> None:
         """Update since when hypothesis j is certain; a long run that ends stays on record."""
         unsure = np.flatnonzero(~sure)
         if unsure.size == 0:
@@ -114,7 +116,7 @@ class EventTracker:
         if run is not None and now - run.since >= self.settings.latch_s and j not in self.latched:
             self.latched[j] = run
 
-    def _doubted_before(self, k: int, t: Array, nominal: Array) -> float:
+    def _doubted_before(self, k: int, t: Array, nominal: Mask) -> float:
         """First sample after nominal was last more likely than not, up to sample k."""
         sure = np.flatnonzero(nominal[: k + 1])
         if sure.size:
@@ -153,7 +155,9 @@ class EventTracker:
         run = self.certain.get(j)
         reasons: list[str] = []
         if self.modes[j] == NOMINAL:
-            came_and_went = {k: r for k, r in self.latched.items() if label_of(self.modes[k]) not in (NOMINAL, UNKNOWN)}
+            came_and_went = {
+                k: r for k, r in self.latched.items() if label_of(self.modes[k]) not in (NOMINAL, UNKNOWN)
+            }
             if came_and_went:
                 j, run = min(came_and_went.items(), key=lambda item: item[1].since)
                 p = self._given(j, self.settings.isolated)
@@ -162,17 +166,25 @@ class EventTracker:
                 j, run, p = self._after_rest(j, run, p, reasons)
         if j in self.misfits and self.modes[j] != UNKNOWN and UNKNOWN in self.modes:
             since = self.misfits[j]
-            reasons.append(f"the best hypothesis, {self.modes[j]}, does not explain the innovations from {since:.3f} s on")
+            reasons.append(
+                f"the best hypothesis, {self.modes[j]}, does not explain the innovations from {since:.3f} s on"
+            )
             j, run = self.modes.index(UNKNOWN), Run(since, since)
             p = self._given(j, self.settings.isolated)
         return self._event(j, run, p, tuple(reasons))
 
-    def _after_rest(self, j: int, run: Run | None, p: Array, reasons: list[str]) -> tuple[int, Run | None, Array]:
+    def _after_rest(
+        self, j: int, run: Run | None, p: Array, reasons: list[str]
+    ) -> tuple[int, Run | None, Array]:
         """A stop and rest that nominal cannot explain and one failed sensor can."""
         sensors = [k for k, mode in enumerate(self.modes) if channel_of(mode)]
-        if not sensors or self.rest_samples == 0 or self.rest_nis[j] < self.settings.rest_limit * self.dof * self.rest_samples:
+        if (
+            not sensors
+            or self.rest_samples == 0
+            or self.rest_nis[j] < self.settings.rest_limit * self.dof * self.rest_samples
+        ):
             return j, run, p
-        best = min(sensors, key=lambda k: self.rest_nis[k])
+        best = min(sensors, key=lambda k: float(self.rest_nis[k]))
         if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
             return j, run, p
         reasons.append("the stop and the rest after the move show it")
@@ -220,7 +232,10 @@ class Isolator:
             self.window = max(2, round(self.settings.window_s / float(np.median(np.diff(e.t)))))
         self.fit.add(e)
         starts = np.flatnonzero(e.active & ~np.concatenate(([self.was_active], e.active[:-1])))
-        starts = np.array([s for k, s in enumerate(starts) if self._new_move(e, int(s), int(starts[k - 1]) if k else -1)], dtype=int)
+        starts = np.array(
+            [s for k, s in enumerate(starts) if self._new_move(e, int(s), int(starts[k - 1]) if k else -1)],
+            dtype=int,
+        )
         edges = [0, *starts.tolist(), e.t.size]
         for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if k > 0:
@@ -255,7 +270,9 @@ def log_verdict(events: list[Event]) -> Event:
     if events:
         return min(events, key=lambda e: e.probability)
     posterior = dict.fromkeys(LABELS, 0.0) | {NOMINAL: 1.0}
-    return Event(NOMINAL, None, 1.0, None, (None, None), None, None, 0.0, 0.0, posterior, ("the log holds no move",))
+    return Event(
+        NOMINAL, None, 1.0, None, (None, None), None, None, 0.0, 0.0, posterior, ("the log holds no move",)
+    )
 
 
 class Whiteness:
@@ -299,9 +316,15 @@ class Whiteness:
         p = []
         for c in np.flatnonzero(self.counts > 5 * self.LAGS):
             n = self.counts[c]
-            rho = self.products[1:, c] / self.products[0, c] if self.products[0, c] > 0.0 else np.zeros(self.LAGS)
+            rho = (
+                self.products[1:, c] / self.products[0, c]
+                if self.products[0, c] > 0.0
+                else np.zeros(self.LAGS)
+            )
             q = n * (n + 2.0) * (rho**2 / (n - np.arange(1, self.LAGS + 1))).sum()
             p.append(float(chi2.sf(q, self.LAGS)))
         return Consistency(
-            self.nis / self.samples, self.expected / self.samples, min(1.0, min(p) * len(p)) if p else float("nan")
+            self.nis / self.samples,
+            self.expected / self.samples,
+            min(1.0, min(p) * len(p)) if p else float("nan"),
         )

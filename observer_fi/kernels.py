@@ -57,9 +57,17 @@ class Tuning(NamedTuple):
 
 def tuning(settings: BankSettings) -> Tuning:
     """The loop's numbers from the settings."""
-    failed = np.array([settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale])
+    failed = np.array(
+        [settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale]
+    )
     return Tuning(
-        settings.timing, settings.agility, settings.bias_entry, settings.bias_diffusion, failed, settings.glitch_sigma, float(settings.glitch_samples)
+        settings.timing,
+        settings.agility,
+        settings.bias_entry,
+        settings.bias_diffusion,
+        failed,
+        settings.glitch_sigma,
+        float(settings.glitch_samples),
     )
 
 
@@ -89,7 +97,17 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
     for j in range(m):
         if b.failed[j] >= 0:
             bias[j, 1] = b.noise[b.failed[j]]
-    return BankState(x, P, slow, bias, np.full((m, 3), np.nan), np.zeros((m, 3)), log_mu, np.full(3, np.nan), np.full(1, np.nan))
+    return BankState(
+        x,
+        P,
+        slow,
+        bias,
+        np.full((m, 3), np.nan),
+        np.zeros((m, 3)),
+        log_mu,
+        np.full(3, np.nan),
+        np.full(1, np.nan),
+    )
 
 
 @inlined
@@ -154,7 +172,9 @@ def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
                 _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P)
             if b.failed[j] >= 0:
                 off = (bias[j, 0] if i == j else 0.0) - to_bias[j, 0]
-                to_bias[j, 1] += weight * (off * off + (bias[j, 1] if i == j else entry * b.noise[b.failed[j]]))
+                to_bias[j, 1] += weight * (
+                    off * off + (bias[j, 1] if i == j else entry * b.noise[b.failed[j]])
+                )
         for k in range(n):
             for q in range(k):
                 to_P[j, q, k] = to_P[j, k, q]
@@ -214,10 +234,13 @@ def _gate(j, S, e, c, glitches, tune):
 
 
 @inlined
-def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, work):
+def _update(
+    j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, work
+):
     """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
 
-    Fills rows j of y (m, 3), the prediction, and seen (m, 3), the innovations over their standard deviations. work (2, n): scratch.
+    Fills rows j of y (m, 3), the prediction, and seen (m, 3), the innovations over their standard deviations.
+    work (2, n): scratch.
     A glitch counts as one at the gate and moves nothing.
     """
     n, at_v, failed = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j]
@@ -232,7 +255,13 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
             continue
         h0, h1, h2 = H[c, 0], H[c, 1], H[c, 2]
         hv = H[c, 3] if at_v >= 0 else 0.0
-        e = z[row, c] - y[j, c] - h0 * (x[j, 0] - work[0, 0]) - h1 * (x[j, 1] - work[0, 1]) - h2 * (x[j, 2] - work[0, 2])
+        e = (
+            z[row, c]
+            - y[j, c]
+            - h0 * (x[j, 0] - work[0, 0])
+            - h1 * (x[j, 1] - work[0, 1])
+            - h2 * (x[j, 2] - work[0, 2])
+        )
         for k in range(n):
             work[1, k] = P[j, k, 0] * h0 + P[j, k, 1] * h1 + P[j, k, 2] * h2
         if hv != 0.0:
@@ -240,7 +269,14 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
             for k in range(n):
                 work[1, k] += P[j, k, at_v] * hv
         change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
-        S = b.noise[c] + change * change + h0 * work[1, 0] + h1 * work[1, 1] + h2 * work[1, 2] + (hv * work[1, at_v] if hv != 0.0 else 0.0)
+        S = (
+            b.noise[c]
+            + change * change
+            + h0 * work[1, 0]
+            + h1 * work[1, 1]
+            + h2 * work[1, 2]
+            + (hv * work[1, at_v] if hv != 0.0 else 0.0)
+        )
         seen[j, c] = e / math.sqrt(S)
         product *= S
         log_density -= tr.LOG_2PI
@@ -259,17 +295,30 @@ def _update(j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd
     log_density = 0.5 * (log_density - nis - math.log(product))
     if failed >= 0 and z[row, failed] == z[row, failed]:
         h0, h1, h2 = H[failed, 0], H[failed, 1], H[failed, 2]
-        expected = y[j, failed] + h0 * (x[j, 0] - work[0, 0]) + h1 * (x[j, 1] - work[0, 1]) + h2 * (x[j, 2] - work[0, 2])
+        expected = (
+            y[j, failed]
+            + h0 * (x[j, 0] - work[0, 0])
+            + h1 * (x[j, 1] - work[0, 1])
+            + h2 * (x[j, 2] - work[0, 2])
+        )
         spread = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
         if at_v >= 0:
             hv = H[failed, 3]
             expected += hv * (x[j, at_v] - work[0, at_v])
-            spread += hv * (hv * P[j, at_v, at_v] + 2.0 * (h0 * P[j, 0, at_v] + h1 * P[j, 1, at_v] + h2 * P[j, 2, at_v]))
+            spread += hv * (
+                hv * P[j, at_v, at_v] + 2.0 * (h0 * P[j, 0, at_v] + h1 * P[j, 1, at_v] + h2 * P[j, 2, at_v])
+            )
         spread += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
-        change = tune.timing * (y[j, failed] - last_y[j, failed]) if last_y[j, failed] == last_y[j, failed] else 0.0
+        change = (
+            tune.timing * (y[j, failed] - last_y[j, failed])
+            if last_y[j, failed] == last_y[j, failed]
+            else 0.0
+        )
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
         sigma = math.sqrt(b.noise[failed] + change * change)
-        log_density += tr.failed_channel(j, z[row, failed], before, expected, spread, sigma, bias, tune.failed)
+        log_density += tr.failed_channel(
+            j, z[row, failed], before, expected, spread, sigma, bias, tune.failed
+        )
     return log_density, nis
 
 
@@ -351,7 +400,25 @@ def _copy_back(b, state, scr):
 
 
 @uncounted
-def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain):
+def run(
+    b,
+    tune,
+    state,
+    scr,
+    t,
+    interval,
+    w_cmd,
+    theta,
+    z,
+    active,
+    out_mu,
+    out_nis,
+    out_y,
+    out_seen,
+    out_states,
+    out_density,
+    out_strain,
+):
     """Advance the bank over n samples; every out array is filled and `state` updated in place.
 
     t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the
@@ -373,11 +440,39 @@ def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_n
             if abs(dt - mixed_dt) > 1e-9 * dt:
                 tr.mode_transition(b.rates, dt, scr.M, scr.square)
                 mixed_dt = dt
-            _mix(b, entry, scr.M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.log_c)
+            _mix(
+                b,
+                entry,
+                scr.M,
+                scr.mu,
+                state.x,
+                state.P,
+                state.bias,
+                scr.to_x,
+                scr.to_P,
+                scr.to_bias,
+                scr.log_c,
+            )
             _copy_back(b, state, scr)
         for j in range(m):
             if not first:
-                _predict(j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.g, scr.F, scr.T)
+                _predict(
+                    j,
+                    b,
+                    scr.p,
+                    state.x,
+                    state.P,
+                    state.slow,
+                    dt,
+                    interval,
+                    k,
+                    w_cmd[k],
+                    theta[k],
+                    tune.agility,
+                    scr.g,
+                    scr.F,
+                    scr.T,
+                )
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
             scr.log_density[j], out_nis[k, j] = _update(
@@ -408,7 +503,9 @@ def run(b, tune, state, scr, t, interval, w_cmd, theta, z, active, out_mu, out_n
 class Bank:
     """A bank and what it remembers: `advance` takes a log, or the next chunk of one, and returns its Estimate."""
 
-    def __init__(self, rig: Rig, settings: BankSettings, hypotheses: tuple[Hypothesis, ...] | None = None) -> None:
+    def __init__(
+        self, rig: Rig, settings: BankSettings, hypotheses: tuple[Hypothesis, ...] | None = None
+    ) -> None:
         self.rig = rig
         self.settings = settings
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
@@ -432,25 +529,27 @@ class Bank:
         self.recent = Recent(log.t, interval, w_cmd, log.pitch, log.z).after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
-                self.snapshots.append((float(log.t[first]), self._nominal()))
+                self.snapshots.append((float(log.t[first]), self._nominal(self.state)))
             b = slice(first, first + BLOCK)
             run(
                 self.arrays, self.tuning, self.state, self.scratch, log.t[b], interval[b], w_cmd[b], log.pitch[b], log.z[b],
                 active[b], mu[b], nis[b], y[b], seen[b], states[b], density[b], strain[b],
             )  # fmt: skip
         self._forget()
-        return Estimate(log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain)
+        return Estimate(
+            log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain
+        )
 
-    def _nominal(self) -> BankState:
+    def _nominal(self, state: BankState) -> BankState:
         """A copy of what the first hypothesis remembers."""
-        state = self.state
         names = ("x", "P", "slow", "bias", "predicted", "glitches")
         parts = {name: getattr(state, name)[:1].copy() for name in names}
         return BankState(**parts, log_mu=np.zeros(1), z=state.z.copy(), t=state.t.copy())
 
     def _forget(self) -> None:
         """Keep the snapshots that fall into the samples kept in `recent`."""
-        while len(self.snapshots) > 1 and self.snapshots[1][0] <= self.recent.t[0]:
+        kept = self.recent.t[0] if self.recent is not None else -math.inf
+        while len(self.snapshots) > 1 and self.snapshots[1][0] <= kept:
             self.snapshots.popleft()
 
 

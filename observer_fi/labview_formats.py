@@ -7,7 +7,8 @@ import numpy as np
 
 from observer_fi.columns import COLUMNS, ColumnMap
 from observer_fi.csv_format import PREAMBLE_BYTES, header_fields
-from observer_fi.records import Array, InvalidLogError
+from observer_fi.errors import InvalidLogError
+from observer_fi.records import Array
 from observer_fi.tables import NO_VALUE, Block, Table, not_a_number, positions
 
 if TYPE_CHECKING:

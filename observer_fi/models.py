@@ -14,7 +14,8 @@ import numpy as np
 import tomli_w
 
 from observer_fi.actuator import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
-from observer_fi.records import Array, UsageError
+from observer_fi.errors import UsageError
+from observer_fi.records import Array
 
 DRIVES = ("pi_servo", "voltage", "current", "force")
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
@@ -105,7 +106,9 @@ class Rig:
     description: str
     drive: str
     quantities: dict[str, Quantity]
-    noise: dict[str, float] = field(default_factory=lambda: {"voltage": 0.01, "current": 3e-4, "position": 1e-5})
+    noise: dict[str, float] = field(
+        default_factory=lambda: {"voltage": 0.01, "current": 3e-4, "position": 1e-5}
+    )
     source: str = ""
 
     @property
@@ -129,7 +132,9 @@ class Rig:
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
 
 
-def with_values(rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit") -> Rig:
+def with_values(
+    rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit"
+) -> Rig:
     """`rig` with some quantities replaced or added, marked with how they were found. Raises UsageError as `override`."""
     quantities = dict(rig.quantities)
     for name, value in values.items():
@@ -149,7 +154,9 @@ def load_rig(path: str | Path | None = None) -> Rig:
     try:
         table = tomllib.loads(where.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UsageError(f"{path}: cannot read the rig file ({error.strerror or error}); give a TOML file as in data/rigs") from error
+        raise UsageError(
+            f"{path}: cannot read the rig file ({error.strerror or error}); give a TOML file as in data/rigs"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"{where}: not a TOML file: {error}") from error
     return _rig_from_table(table, str(where))
@@ -185,9 +192,16 @@ def _rig_from_table(table: dict, where: str) -> Rig:
             raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
-    noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {k: float(v) for k, v in table.get("noise", {}).items()}
+    noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {
+        k: float(v) for k, v in table.get("noise", {}).items()
+    }
     return Rig(
-        table.get("name", Path(where).stem), table.get("description", ""), drive, quantities, noise, table.get("source", "")
+        table.get("name", Path(where).stem),
+        table.get("description", ""),
+        drive,
+        quantities,
+        noise,
+        table.get("source", ""),
     )
 
 
@@ -210,10 +224,9 @@ def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:
             raise unknown_name(key, known, what)
 
 
-def _quantity(name: str, entry: object) -> Quantity:
+def _quantity(name: str, given: object) -> Quantity:
     _position(name)
-    if not isinstance(entry, dict):
-        entry = {"value": entry}
+    entry: dict = given if isinstance(given, dict) else {"value": given}
     _check_keys(entry, _QUANTITY, f"key of {name}")
     value = entry.get("value")
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
@@ -223,7 +236,11 @@ def _quantity(name: str, entry: object) -> Quantity:
         raise UsageError(f"{name}: unit must be {PARAMETERS[name][0]!r}, got {unit!r}")
     std = entry.get("std")
     return Quantity(
-        float(value), unit, entry.get("method", ""), entry.get("source", ""), float(entry.get("spread", 0.0)),
+        float(value),
+        unit,
+        entry.get("method", ""),
+        entry.get("source", ""),
+        float(entry.get("spread", 0.0)),
         None if std is None else float(std),
     )
 
@@ -233,7 +250,11 @@ def rig_toml(rig: Rig) -> str:
     parameters = {}
     for name, q in rig.quantities.items():
         entry: dict[str, object] = {"value": q.value, "unit": q.unit}
-        entry |= {k: v for k, v in (("method", q.method), ("source", q.source), ("spread", q.spread), ("std", q.std)) if v}
+        entry |= {
+            k: v
+            for k, v in (("method", q.method), ("source", q.source), ("spread", q.spread), ("std", q.std))
+            if v
+        }
         parameters[name] = entry
     table = {"name": rig.name, "description": rig.description, "drive": rig.drive}
     table |= {"source": rig.source} if rig.source else {}

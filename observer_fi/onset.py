@@ -51,7 +51,9 @@ def copied(state: BankState) -> BankState:
     return BankState(*(np.array(a) for a in state))
 
 
-def entered(nominal: BankState, source: Hypothesis, target: Hypothesis, single: _Single, settings: BankSettings) -> BankState:
+def entered(
+    nominal: BankState, source: Hypothesis, target: Hypothesis, single: _Single, settings: BankSettings
+) -> BankState:
     """The target's memory when it is entered from the source's: shared states kept, the others from their entry prior."""
     b = single.arrays
     n = len(target.states)

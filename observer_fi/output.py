@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from observer_fi.records import UsageError
+from observer_fi.errors import UsageError
 
 
 def write_file(path: Path, content: str | bytes) -> None:

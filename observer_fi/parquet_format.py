@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from observer_fi.columns import COLUMNS, ColumnMap
-from observer_fi.records import Array, InvalidLogError
+from observer_fi.errors import InvalidLogError
+from observer_fi.records import Array
 from observer_fi.tables import Block, Table, not_a_number, plain, positions, regrouped
 
 

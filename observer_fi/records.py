@@ -15,14 +15,6 @@ CHANNELS = ("voltage", "current", "position")
 LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
 
 
-class InvalidLogError(ValueError):
-    """A log that cannot be used. The message is the one line a user sees: file, row, column, what is wrong, what to do."""
-
-
-class UsageError(ValueError):
-    """A command, rig or map that cannot be used. The message is the one line a user sees."""
-
-
 class Gap(NamedTuple):
     """Samples missing from the log's clock, between two times [s]."""
 

@@ -17,7 +17,9 @@ def residual_vector(predicted: Array, z: Array, p: Array) -> Array:
     predicted, z: (..., 3) voltage, current, position.
     """
     w = speed(predicted, p) - speed(z, p)
-    return np.stack(np.broadcast_arrays(predicted[..., 1] - z[..., 1], predicted[..., 2] - z[..., 2], w), axis=-1)
+    return np.stack(
+        np.broadcast_arrays(predicted[..., 1] - z[..., 1], predicted[..., 2] - z[..., 2], w), axis=-1
+    )
 
 
 def residual_norm(residuals: Array, std: Array) -> Array:

@@ -6,7 +6,7 @@ docs/decisions/0002-schema-checks.md says why files do not pass through it.
 from typing import TYPE_CHECKING
 
 from observer_fi.columns import COLUMNS, PLAIN, missing_column
-from observer_fi.records import InvalidLogError
+from observer_fi.errors import InvalidLogError
 from observer_fi.tables import REQUIRED, not_a_number
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from observer_fi.records import UsageError
+from observer_fi.errors import UsageError
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,9 @@ def load_settings(path: str | Path | None) -> Settings:
     settings = Settings()
     for name, values in table.items():
         if name not in {f.name for f in fields(Settings)}:
-            raise UsageError(f"{path}: there are no settings {name!r} (known: {', '.join(f.name for f in fields(Settings))})")
+            raise UsageError(
+                f"{path}: there are no settings {name!r} (known: {', '.join(f.name for f in fields(Settings))})"
+            )
         settings = replace(settings, **{name: _changed(getattr(settings, name), values, str(path))})
     return settings
 

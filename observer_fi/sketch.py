@@ -1,6 +1,7 @@
 """What is drawn of a log: a decimated overview that keeps extremes, in bounded memory, and every sample of a short zoom."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi import residuals
 from observer_fi.models import Rig
@@ -27,7 +28,9 @@ def rows(log: Log, e: Estimate, rig: Rig) -> Array:
 def unpacked(table: Array, m: int, mixture: tuple[Array, Array, Array] | None = None) -> Traces:
     """The rows of `rows` as Traces of m hypotheses, with the mixture's times, norms and predictions where it ran."""
     cuts = np.cumsum([1, 3, 1, 1, 1, m, 3 * m, m, m, 3])
-    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen = np.split(table, cuts[:-1], axis=1)
+    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen = np.split(
+        table, cuts[:-1], axis=1
+    )
     mixture_t, mixture_norm, mixture_y = mixture or (np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)))
     return Traces(
         t[:, 0], z, w[:, 0], w_cmd[:, 0], pitch[:, 0], probability, predicted.reshape(-1, m, 3), w_predicted, norm, seen,
@@ -41,19 +44,21 @@ class Overview:
     def __init__(self) -> None:
         self.size = 1  # samples a bucket
         self.seen = 0
-        self.kept: list[tuple[Array, Array]] = []  # sample numbers, rows
+        self.kept: list[tuple[NDArray[np.int64], Array]] = []  # sample numbers, rows
 
     def add(self, table: Array) -> None:
         """Take the next rows."""
-        number = self.seen + np.arange(table.shape[0])
+        number = np.arange(self.seen, self.seen + table.shape[0], dtype=np.int64)
         self.seen += table.shape[0]
         while self.seen > 2 * BUCKETS * self.size:
             self.size *= 2
         self.kept.append(self._thinned(number, table))
         if sum(k.size for k, _ in self.kept) > 24 * BUCKETS or len(self.kept) > 64:
-            self.kept = [self._thinned(np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept]))]
+            self.kept = [
+                self._thinned(np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept]))
+            ]
 
-    def _thinned(self, number: Array, table: Array) -> tuple[Array, Array]:
+    def _thinned(self, number: NDArray[np.int64], table: Array) -> tuple[NDArray[np.int64], Array]:
         """First row and extremes of voltage, current and position of each bucket, in order."""
         if not number.size:
             return number, table
@@ -69,5 +74,7 @@ class Overview:
 
     def result(self) -> Array:
         """The rows kept."""
-        number, table = self._thinned(np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept]))
+        number, table = self._thinned(
+            np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept])
+        )
         return table

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.columns import COLUMNS, ColumnMap, missing_column
-from observer_fi.records import Array, InvalidLogError, Rejected
+from observer_fi.errors import InvalidLogError
+from observer_fi.records import Array, Rejected
 
 REQUIRED = ("time_s", "current_a", "position_m")
 NO_VALUE = (

@@ -95,7 +95,20 @@ def _slide(j, s, w, I, x, d, slow, t, c0, mean, theta, torque, rate, p):
     phi, h, sag, c = slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
     w1, I1, x1 = _rates(s, w, I, x, d, phi, h, sag, c, c0, theta, torque, rate, p)
     w2, I2, x2 = _rates(
-        s, w + half * w1, I + half * I1, x + half * x1, d + on * half * x1, phi + half * w, h, sag, c, mean, theta, torque, rate, p
+        s,
+        w + half * w1,
+        I + half * I1,
+        x + half * x1,
+        d + on * half * x1,
+        phi + half * w,
+        h,
+        sag,
+        c,
+        mean,
+        theta,
+        torque,
+        rate,
+        p,
     )
     return w + t * w2, I + t * I2, x + t * x2, d + on * t * x2
 
@@ -232,7 +245,8 @@ def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
 def transition(j, at, g, t, resting, F):
     """Rows of the discrete transition matrix for w, I, x and, where there is one, d, into F (4, n): I + g t + (g t)^2 / 2.
 
-    Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later. d moves with x. A motor that rests forgets its speed, and nothing else moves.
+    Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later. d moves
+    with x. A motor that rests forgets its speed, and nothing else moves.
     """
     n = at[j, SIZE]
     if resting:
