@@ -191,6 +191,9 @@ def ticks(low: float, high: float, log: bool = False, most: int = 5) -> list[tup
     """Round values within a range and how to print them, at most about `most`."""
     if log:
         first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
+        if last - first < 2:
+            fine = [m * 10.0**k for k in range(first - 1, last + 1) for m in (1.0, 2.0, 5.0)]
+            return [(v, f"{v:g}") for v in fine if low <= v <= high]
         every = max(1, math.ceil((last - first + 1) / most))
         return [(10.0**k, f"{10.0**k:g}") for k in range(first, last + 1, every)]
     raw = (high - low) / max(most, 1)

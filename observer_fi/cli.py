@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from observer_fi import __version__
-from observer_fi.records import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError, UsageError
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
 T = TypeVar("T")
@@ -185,7 +185,7 @@ def _diagnose(args: argparse.Namespace) -> int:
             shown.append({"log": {"path": path}, "error": str(error)})
             continue
         result = report.report_dict(outcome)
-        report.write(outcome, args.out / name)
+        report.write(outcome, rig, args.out / name)
         faults += result["verdict"]["label"] != "nominal"
         shown.append(result)
         if not args.quiet and not args.json:

@@ -95,26 +95,28 @@ def percent(p: float) -> str:
     if not math.isfinite(p):
         return "unknown"
     if p > 0.9999:
-        return "above 99.99 %"
+        return "> 99.99 %"
+    if p < 1e-4:
+        return "< 0.01 %"
     return f"{100.0 * p:.2f} %" if p > 0.99 or p < 0.01 else f"{100.0 * p:.1f} %"
 
 
-def files(outcome: Outcome, rig: Rig | None = None) -> dict[str, str]:
+def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
     """Everything that one report consists of, {file name: text}."""
-    drawn = figures.draw(outcome)
+    drawn = figures.draw(outcome, rig)
     return {
         "report.json": json_text(report_dict(outcome)),
-        "report.html": page(outcome, drawn, rig),
+        "report.html": page(outcome, rig, drawn),
         **{f"{name}.svg": svg for name, svg in drawn.items()},
     }
 
 
-def write(outcome: Outcome, folder: Path, rig: Rig | None = None) -> None:
+def write(outcome: Outcome, rig: Rig, folder: Path) -> None:
     """report.json, report.html and the figures into `folder`, all or nothing. Raises UsageError."""
     write_folder(folder, files(outcome, rig))
 
 
-def page(outcome: Outcome, drawn: dict[str, str], rig: Rig | None = None) -> str:
+def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
     """report.html: one file, no network, the same bytes for the same inputs."""
     isolation, log = _complete(outcome)
     return (
@@ -129,12 +131,12 @@ def page(outcome: Outcome, drawn: dict[str, str], rig: Rig | None = None) -> str
             names=NAMES,
             colour=figures.colour_of(isolation.verdict.label, isolation.verdict.channel),
             figures=drawn,
-            captions=figures.CAPTIONS,
+            captions=figures.captions(outcome),
             doubts=doubts(outcome),
             settings=flattened(outcome.settings),
-            quantities=rig.quantities if rig is not None else {},
             rig=rig,
             listed=LISTED,
+            colour_of=figures.colour_of,
             versions=versions(),
         )
     )
@@ -179,7 +181,7 @@ def doubts(outcome: Outcome) -> list[str]:
     elif others:
         found.append(
             "No other hypothesis has more than one part in a million; "
-            f"the next is {NAMES[others[0][1]].lower()}."
+            f"the next is {others[0][1].replace('_', ' ')}."
         )
     if math.isfinite(fit.nis_mean):
         ratio = fit.nis_mean / fit.nis_expected
@@ -194,10 +196,22 @@ def doubts(outcome: Outcome) -> list[str]:
             )
         )
     if outcome.open_loop is not None and outcome.open_loop.verdict.label != verdict.label:
+        other = NAMES[outcome.open_loop.verdict.label].lower()
         found.append(
-            f"The open-loop mixture disagrees: {NAMES[outcome.open_loop.verdict.label].lower()}. It starts "
-            "from one state and never looks at the data again, so parameters that are slightly off lead it "
-            "astray first."
+            f"The open-loop mixture says {other}: "
+            + (
+                "it knows three models and has to choose one of them."
+                if verdict.label in ("unknown", "sensor_fault")
+                else "it starts from one state and never looks at the data again, so parameters that are "
+                "slightly off lead it astray first."
+            )
+        )
+    refused = _refused(outcome)
+    if refused:
+        found.append(
+            f"The bank's most probable hypothesis is {refused}, but an absolute test refuses it: it "
+            f"explains the "
+            "data only with constants that no rig shows, or leaves too much of them unexplained."
         )
     found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
     if verdict.isolated_s is None and verdict.label != "nominal":
@@ -207,6 +221,19 @@ def doubts(outcome: Outcome) -> list[str]:
     if log.notes:
         found.append("The log has notes, listed below, that bear on what can be known from it.")
     return found
+
+
+def _refused(outcome: Outcome) -> str | None:
+    """The hypothesis that won on probability where the verdict is that none of them holds."""
+    isolation, _ = _complete(outcome)
+    verdict, traces = isolation.verdict, outcome.overview
+    if verdict.label != "unknown" or traces is None or verdict.isolated_s is None:
+        return None
+    later = traces.probability[traces.t >= verdict.isolated_s]
+    if not later.size:
+        return None
+    mode = outcome.modes[int(later[0].argmax())]
+    return None if mode in ("unknown", "nominal") else figures.WORDS.get(mode, mode)
 
 
 def flattened(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
