@@ -181,13 +181,20 @@ _TABLE = (
         separate_by="moves at five pitches, as large as they get",
     ),
     Cause(
-        "winding_heating", "electrical", "R += Rm h, dh/dt = g Rm i^2 - h/T", "copper gains 0.39 % per kelvin",
+        "winding_heating", "electrical", "R += Rm h, dh/dt = g Rm i^2 - h/T, or h = r (1 - exp(-t/T))", "copper gains 0.39 % per kelvin",
         (
             Variant(
                 "one time constant",
                 (
                     Term("heating_gain", 1e-3, 0.0),
                     Term("heating_time", 60.0, 3.0, 1000.0, shape=True, prior_std=60.0),
+                ),
+            ),
+            Variant(
+                "warm-up in time",
+                (
+                    Term("heating_rise", 1e-3, 0.0),
+                    Term("heating_time", 10.0, 0.5, 1000.0, shape=True, prior_std=60.0),
                 ),
             ),
         ),

@@ -26,6 +26,9 @@ TAIL_S = (
 FINE_S = (
     0.06  # after a corner of the command two integration steps a sample: saturation begins and ends there
 )
+_UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
+_PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
+_REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
@@ -63,6 +66,13 @@ class Experiment:
     def moves(self) -> int:
         """Number of moves."""
         return self.peak.size
+
+    @property
+    def nuisance_std(self) -> Array:
+        """(M, 2) how far the rest current [A] and position [m] may be from what was measured before the move."""
+        std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(self.moving, 1))[:, None]
+        std[self.before == 0.0, 1] = _UNKNOWN_PLAY
+        return std
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -166,6 +176,9 @@ def _part(log: Log, number: int, m: int, segments: Sequence[Segment], noise: Arr
         return None
     z = log.z[rest:end]
     missing = np.isnan(z)
+    weight = np.where(missing, 0.0, 1.0 / noise)
+    if m == 0:
+        weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
     w_cmd = log.w_cmd[rest:end]
     corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
     since = _since(log.t[rest:end], corner)
@@ -173,7 +186,7 @@ def _part(log: Log, number: int, m: int, segments: Sequence[Segment], noise: Arr
         "t": log.t[rest:end],
         "theta": np.nan_to_num(log.pitch[rest:end]),
         "z": np.where(missing, 0.0, z),
-        "weight": np.where(missing, 0.0, 1.0 / noise),
+        "weight": weight,
         "fine": since < FINE_S,
         "log": number,
         "start": rest,
@@ -203,15 +216,17 @@ def _filled(y: Array) -> Array:
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
     """(M,) relative resistance rise and sag [V] at the start of every move, from the current measured before it."""
     h, sag = np.zeros(experiment.moves), np.zeros(experiment.moves)
-    if p[a.EXTENDED] == 0.0 or (p[a.HEATING_GAIN] == 0.0 and p[a.SAG_RESISTANCE] == 0.0):
+    if p[a.EXTENDED] == 0.0:
         return h, sag
     for k, (t, i) in enumerate(experiment.history):
         dt = float(np.median(np.diff(t)))
         here = experiment.log == k
         rows = experiment.start[here]
+        if p[a.HEATING_RISE] != 0.0:
+            h[here] += p[a.HEATING_RISE] * (1.0 - np.exp((t[0] - t[rows]) / p[a.HEATING_TIME]))
         if p[a.HEATING_GAIN] != 0.0:
             noise = experiment.noise[1] ** 2  # the mean square of the noise is not heat
-            h[here] = p[a.HEATING_GAIN] * p[a.RM] * _leaky(i * i - noise, dt, p[a.HEATING_TIME])[rows]
+            h[here] += p[a.HEATING_GAIN] * p[a.RM] * _leaky(i * i - noise, dt, p[a.HEATING_TIME])[rows]
         if p[a.SAG_RESISTANCE] != 0.0:
             sag[here] = p[a.SAG_RESISTANCE] / p[a.SAG_TIME] * _leaky(np.abs(i), dt, p[a.SAG_TIME])[rows]
     return h, sag

@@ -26,6 +26,7 @@ _HALVINGS = 6
 _DONE = 0.02  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
 _NUISANCE_STEP = (1e-4, 1e-6)  # A, m
+_FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip
 _DELAYS = frozenset({"input_delay", "accel_limit", "servo_delay"})  # these change the commands themselves
 
 
@@ -120,12 +121,13 @@ def fit(
     free = tuple(free)
     nuisance = np.zeros((experiment.moves, 2)) if nuisance is None else nuisance
     r = residuals(experiment, model, nuisance)
-    cost = objective(model, free, r)
-    columns, converged = np.empty(0), False
+    cost = objective(model, free, r) + _doubt(experiment, nuisance)
+    columns, converged, second_try = np.empty(0), False, False
+    kept = (model, nuisance, r, math.inf)
     for _ in range(iterations):
         columns = jacobian(experiment, model, nuisance, r, free, known)
         around = nuisance_columns(experiment, model, nuisance, r)
-        projected, pull, inverse = project(experiment, columns, around, r)
+        projected, pull, inverse = project(experiment, columns, around, r, nuisance)
         step = _newton_step(model, free, projected, r)
         moved = False
         for halving in range(_HALVINGS):
@@ -135,18 +137,28 @@ def fit(
             shift = pull - np.einsum("mak,k->ma", inverse, actual)
             new_nuisance = nuisance + shift * np.array(_NUISANCE_STEP)
             new_r = residuals(experiment, trial, new_nuisance)
-            new_cost = objective(trial, free, new_r)
+            new_cost = objective(trial, free, new_r) + _doubt(experiment, new_nuisance)
             if new_cost < cost:
                 moved = True
                 break
-        if not moved:
-            converged = True
-            break
-        gain = cost - new_cost
-        model, nuisance, r, cost = trial, new_nuisance, new_r, new_cost
+        gain = cost - new_cost if moved else 0.0
+        if moved:
+            model, nuisance, r, cost = trial, new_nuisance, new_r, new_cost
         if gain < _DONE:
             converged = True
-            break
+            if second_try:
+                break
+            second_try = True
+            far = np.abs(nuisance) > _FARTHEST * experiment.nuisance_std
+            if not far.any():
+                break
+            # Rests dragged to another branch of stick and slip while the parameters were far off start anew.
+            kept = (model, nuisance, r, cost)
+            nuisance = np.where(far, 0.0, nuisance)
+            r = residuals(experiment, model, nuisance)
+            cost = objective(model, free, r) + _doubt(experiment, nuisance)
+    if kept[3] < cost:
+        model, nuisance, r, cost = kept
     return _result(experiment, model, free, r, nuisance, cost, columns, converged)
 
 
@@ -161,6 +173,11 @@ def objective(model: Model, free: Sequence[Free], r: Array) -> float:
     """Half the sum of squares, priors included [nats]."""
     total = 0.5 * float(np.vdot(r, r)) if np.isfinite(r).all() else math.inf
     return total + 0.5 * sum(((model[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
+
+
+def _doubt(experiment: Experiment, nuisance: Array) -> float:
+    """Prior of the rests [nats]."""
+    return 0.5 * float(np.sum((nuisance / experiment.nuisance_std) ** 2))
 
 
 def scales(free: Sequence[Free]) -> Array:
@@ -200,7 +217,9 @@ def nuisance_columns(experiment: Experiment, model: Model, nuisance: Array, r: A
     ])  # fmt: skip
 
 
-def project(experiment: Experiment, columns: Array, around: Array, r: Array) -> tuple[Normal, Array, Array]:
+def project(
+    experiment: Experiment, columns: Array, around: Array, r: Array, nuisance: Array
+) -> tuple[Normal, Array, Array]:
     """Normal equations with the two numbers of every move projected out, and how these follow the parameters.
 
     Returns the equations (names empty, unit steps), the pull (M, 2) of the residual on them and (M, 2, k) of each
@@ -209,14 +228,16 @@ def project(experiment: Experiment, columns: Array, around: Array, r: Array) -> 
     k, M = columns.shape[0], experiment.moves
     H, g = np.empty((M, k, k)), np.empty((M, k))
     pull, follow = np.empty((M, 2)), np.empty((M, 2, k))
+    step = np.array(_NUISANCE_STEP)
+    weight = (step / experiment.nuisance_std) ** 2
     for m in range(M):
         rows = experiment.rows(m)
         G = columns[:, rows].reshape(k, -1)
         N = around[:, rows].reshape(2, -1)
         residual = r[rows].ravel()
-        block = np.linalg.pinv(N @ N.T, rcond=_CONDITION)
+        block = np.linalg.inv(N @ N.T + np.diag(weight[m]))
         cross = N @ G.T
-        pull[m] = block @ (N @ residual)
+        pull[m] = block @ (N @ residual - weight[m] * nuisance[m] / step)
         follow[m] = block @ cross
         H[m] = G @ G.T - cross.T @ follow[m]
         g[m] = G @ residual - cross.T @ pull[m]
@@ -306,7 +327,7 @@ def _result(
     if columns.size == 0 and free:
         columns = jacobian(experiment, model, nuisance, r, free)
     around = nuisance_columns(experiment, model, nuisance, r)
-    normal, _, _ = project(experiment, columns, around, r)
+    normal, _, _ = project(experiment, columns, around, r, nuisance)
     unit = scales(free)
     normal = Normal(tuple(f.name for f in free), normal.H, normal.g, unit)
     covariance = covariance_of(free, normal) * inflation(experiment, r)
