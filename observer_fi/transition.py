@@ -24,6 +24,7 @@ W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
 PHI, H, SAG, LAGGED = range(4)
 SLOW = 4
+REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
 STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
 # A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1.
@@ -331,6 +332,22 @@ def log_normal(e, S):
 
 
 @inlined
+def glitch(j, S, e, c, glitches, limit, samples):
+    """Whether an innovation e of variance S is a glitch: farther than `limit` standard deviations, for at most `samples`.
+
+    Counts channel c of hypothesis j in glitches (m, 3).
+    """
+    far = e * e > limit * limit * S
+    if not far:
+        glitches[j, c] = 0.0
+        return False
+    if glitches[j, c] < samples:
+        glitches[j, c] += 1.0
+        return True
+    return False
+
+
+@inlined
 def failed_channel(j, z, previous, y, spread, sigma, bias, tuning):
     """Log-density of a channel that has failed, and the update of its bias; bias (m, 2) mean and variance, row j in place.
 
@@ -395,3 +412,27 @@ def mode_transition(rates, t, M, work):
         for r in range(m):
             for c in range(m):
                 M[r, c] = product[r, c]
+
+
+# Sigma points at sqrt(n) standard deviations: with alpha = 1 and kappa = 0 no weight is negative, so that a covariance
+# stays one; beta = 2 is right for a Gaussian. Small alphas weigh the centre by -1e6 and lose six digits.
+ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
+FLAT = 1e-12  # least share of a variance that a pivot keeps
+
+
+@inlined
+def factor(j, P, n, L):
+    """Lower Cholesky factor of the symmetric part of P[j] (m, n, n), into L (n, n).
+
+    A pivot that rounding took below FLAT of its variance is set to that share: P may be singular.
+    """
+    for k in range(n):
+        for q in range(k + 1):
+            total = 0.5 * (P[j, k, q] + P[j, q, k])
+            for r in range(q):
+                total -= L[k, r] * L[q, r]
+            if q < k:
+                L[k, q] = total / L[q, q]
+                L[q, k] = 0.0
+            else:
+                L[k, k] = math.sqrt(max(total, FLAT * P[j, k, k], 1e-300))

@@ -1,0 +1,436 @@
+"""The bank on filterpy: EKF and UKF of any hypothesis behind predict(u) and update(z), and an IMM in logs over them.
+
+The oracle of `kernels.py`. Both engines take their physics from `transition.py`; here the algebra of Kalman filters is
+filterpy's, on vectors of readings, there it is one scalar after the other. Every cure of a trap of filterpy stands here
+beside a comment, and has a test (tests/test_observers.py).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from filterpy.kalman import (
+    ExtendedKalmanFilter,
+    IMMEstimator,
+    MerweScaledSigmaPoints,
+    UnscentedKalmanFilter,
+    unscented_transform,
+)
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from observer_fi import transition as tr
+from observer_fi.feed import CommandStream
+from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
+from observer_fi.kernels import (
+    NEGLIGIBLE,
+    REST_VARIANCE,
+    UNREACHED,
+    Tuning,
+    first_readings,
+    start,
+    tuning,
+    under_way,
+)
+from observer_fi.models import Rig
+from observer_fi.records import Array, Estimate, Log
+from observer_fi.settings import BankSettings
+
+CHANNELS = range(3)
+
+
+class Step(NamedTuple):
+    """The `u` of predict: one sample interval and what is known at its end.
+
+    dt: length [s], NaN before the first sample; interval (1, 2 m): command at the half-steps [rad/s]; w_cmd: command at
+    the end [rad/s]; theta: pitch [deg]; active: whether the sample at its end counts as evidence.
+    """
+
+    dt: float
+    interval: Array
+    w_cmd: float
+    theta: float
+    active: bool = True
+
+
+class Observer:
+    """What both adapters share: the physics of one hypothesis, the gate for glitches, the density of what was read.
+
+    x (n,), P (n, n), SI units, 1-D always: filterpy's default (n, 1) turns into (n, n) at the first 1-D reading.
+    After update(z): y (3,) predicted readings, seen (3,) innovations over their standard deviations (NaN where nothing
+    was used), nis, and log_density, which is 0 where nothing was measured.
+    """
+
+    x: Array
+    P: Array
+
+    def _set_up(self, b: BankArrays, tune: Tuning) -> None:
+        self.b, self.tune = b, tune
+        self.n, self.failed = int(b.size[0]), int(b.failed[0])
+        self.x, self.P = np.zeros(self.n), np.eye(self.n)
+        self.slow = np.zeros((1, tr.SLOW))
+        self.bias = np.zeros((1, 2))
+        self.glitches = np.zeros((1, 3))
+        self.previous = np.full(3, np.nan)
+        self.predicted = np.full(3, np.nan)
+        self.seen = np.full(3, np.nan)
+        self.nis, self.log_density = 0.0, 0.0
+        self.step = Step(np.nan, np.zeros((1, 2)), 0.0, 0.0)
+        self.sigma = np.sqrt(b.noise)
+        self._p = b.parameters[0].copy()
+
+    def predict(self, u: Step) -> None:
+        """State at the end of `u`; before the first sample there is nothing to predict, and u is only remembered."""
+        self.step = u
+        if np.isnan(u.dt):
+            return
+        self._advance(u)
+        if self.failed >= 0:
+            self.bias[0, 1] += self.tune.bias_diffusion**2 * self.b.noise[self.failed] * u.dt
+
+    def update(self, z: Array | None) -> None:
+        """Takes the readings z (3,) of voltage [V], current [A], position [m]; NaN, or None for all, is a missing one.
+
+        filterpy's update(None) keeps the last likelihood, which a bank then counts again: here it is a density of 1.
+        """
+        z = np.full(3, np.nan) if z is None else np.asarray(z, dtype=float)
+        y, S = self._predicted_readings()
+        accepted = self._weigh(z, y, S)
+        self.log_density += self._density_of_failed(z, y, S, accepted)
+        if accepted:
+            self._correct(z, y, accepted)
+        self.predicted = y
+        self.previous = np.where(np.isnan(z), self.previous, z)
+
+    def _advance(self, u: Step) -> None:
+        raise NotImplementedError
+
+    def _predicted_readings(self) -> tuple[Array, Array]:
+        """(3,) expected readings, SI, and their covariance (3, 3) without noise of the sensors, unit sigmas."""
+        raise NotImplementedError
+
+    def _correct(self, z: Array, y: Array, accepted: list[int]) -> None:
+        raise NotImplementedError
+
+    def _moved(self, x: Array, slow: Array, u: Step) -> bool:
+        """The mean x (1, n) and its slow states (1, SLOW) a step on, in place; whether the motor rests at the end."""
+        b = self.b
+        tr.load_parameters(0, x, b.layout, b.parameters, self._p)
+        return bool(tr.propagate(0, x, b.layout, slow, u.dt, u.interval, 0, u.w_cmd, u.theta, self._p))
+
+    def _readings(self, x: Array) -> tuple[Array, Array]:
+        """(3,) readings that a state x (n,) predicts, SI, and their slopes (3, n)."""
+        b, u = self.b, self.step
+        y, by, H = np.empty((1, 3)), np.empty((3, 4)), np.zeros((3, self.n))
+        tr.load_parameters(0, x[None], b.layout, b.parameters, self._p)
+        tr.channels(0, x[None], b.layout, self.slow, u.w_cmd, u.theta, self._p, b.parameters, y, by)
+        H[:, :3] = by[:, :3]
+        supply = b.layout[0, tr.AT_SUPPLY]
+        if supply >= 0:
+            H[:, supply] = by[:, 3]
+        return y[0], H
+
+    def _doubt(self, y: Array) -> Array:
+        """(3,) variance of the channels, unit sigmas: the sensors' noise and the timing of the servo."""
+        change = np.nan_to_num(self.tune.timing * (y - self.predicted) / self.sigma)
+        return 1.0 + change**2
+
+    def _weigh(self, z: Array, y: Array, S: Array) -> list[int]:
+        """Channels that are believed, in order; fills seen, nis and log_density with one channel given those before it.
+
+        One after the other the densities multiply to that of the vector, exactly; filterpy's `likelihood` drops
+        eigenvalues of S below 2e-10 of the largest and has a floor at 2e-308.
+        """
+        e, S = (z - y) / self.sigma, S + np.diag(self._doubt(y))
+        limit = self.tune.glitch
+        accepted: list[int] = []
+        self.seen = np.full(3, np.nan)
+        self.nis, self.log_density = 0.0, 0.0
+        for c in CHANNELS:
+            if np.isnan(z[c]) or c == self.failed:
+                continue
+            off, var = _given(e, S, accepted, c)
+            self.seen[c] = off / np.sqrt(var)
+            glitch = tr.glitch(0, var, off, c, self.glitches, limit, self.tune.glitch_samples)
+            counted = limit if glitch else off / np.sqrt(var)
+            self.nis += counted**2
+            self.log_density -= 0.5 * (tr.LOG_2PI + np.log(var) + counted**2) + np.log(self.sigma[c])
+            if not glitch:
+                accepted.append(c)
+        return accepted
+
+    def _density_of_failed(self, z: Array, y: Array, S: Array, accepted: list[int]) -> float:
+        """Log-density of the channel that this hypothesis does not believe; its bias follows."""
+        c = self.failed
+        if c < 0 or np.isnan(z[c]):
+            return 0.0
+        doubt, e = self._doubt(y), (z - y) / self.sigma
+        off, var = _given(e, S + np.diag(np.where(np.arange(3) == c, 0.0, doubt)), accepted, c)
+        sigma = self.sigma[c]
+        before = np.inf if np.isnan(self.previous[c]) else self.previous[c]
+        return float(
+            tr.failed_channel(
+                0,
+                z[c],
+                before,
+                z[c] - off * sigma,
+                var * sigma**2,
+                sigma * np.sqrt(doubt[c]),
+                self.bias,
+                self.tune.failed,
+            )
+        )
+
+
+def _given(e: Array, S: Array, known: list[int], c: int) -> tuple[float, float]:
+    """Innovation c and its variance, given those of the channels `known`; e (3,), S (3, 3) of all."""
+    if not known:
+        return e[c], S[c, c]
+    gain = np.linalg.solve(S[np.ix_(known, known)], S[known, c])
+    return e[c] - gain @ e[known], S[c, c] - gain @ S[known, c]
+
+
+class Ekf(Observer, ExtendedKalmanFilter):
+    """filterpy's extended Kalman filter of one hypothesis."""
+
+    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -> None:
+        ExtendedKalmanFilter.__init__(self, len(hypothesis.states), 3)
+        self._set_up(arrays((hypothesis,), rig, settings), tuning(settings))
+
+    def predict_x(self, u: Step) -> None:
+        """Mean by the equations themselves, and F and Q for the covariance; filterpy's own takes F @ x for the mean."""
+        b, g, rows = self.b, np.zeros((3, self.n)), np.zeros((4, self.n))
+        x, before = self.x[None].copy(), self.x[0]
+        g[1, 0] = -1.0
+        tr.load_parameters(0, x, b.layout, b.parameters, self._p)
+        tr.slopes(0, x, b.layout, self.slow, u.interval[0, 0], u.theta, self._p, b.parameters, g)
+        self.resting = self._moved(x, self.slow, u)
+        tr.transition(0, b.layout, g, u.dt, self.resting, rows)
+        self.F = np.eye(self.n)
+        self.F[:3] = rows[:3]
+        if b.layout[0, tr.AT_D] >= 0:
+            self.F[b.layout[0, tr.AT_D]] = rows[3]
+        self.x = x[0]
+        self.Q = np.diag(b.diffusion[0, : self.n] * u.dt)
+        self.Q[0, 0] += (self.tune.agility * (self.x[0] - before)) ** 2
+
+    def _advance(self, u: Step) -> None:
+        ExtendedKalmanFilter.predict(self, u)
+        if self.resting:
+            self.P[0, 0] = REST_VARIANCE
+
+    def _predicted_readings(self) -> tuple[Array, Array]:
+        y, H = self._readings(self.x)
+        self.H = H / self.sigma[:, None]
+        return y, self.H @ self.P @ self.H.T
+
+    def _correct(self, z: Array, y: Array, accepted: list[int]) -> None:
+        ExtendedKalmanFilter.update(
+            self,
+            (z / self.sigma)[accepted],
+            HJacobian=lambda x: self.H[accepted],
+            Hx=lambda x: (y / self.sigma)[accepted],
+            R=np.diag(self._doubt(y)[accepted]),
+        )
+
+
+def _upper_factor(P: Array) -> Array:
+    """U with U' U = P for sigma points; scipy's fails on a covariance that rounding left a little asymmetric or flat."""
+    L = np.zeros_like(P)
+    tr.factor(0, P[None], P.shape[0], L)
+    return L.T
+
+
+class Ukf(Observer, UnscentedKalmanFilter):
+    """filterpy's unscented Kalman filter of one hypothesis."""
+
+    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -> None:
+        n = len(hypothesis.states)
+        points = MerweScaledSigmaPoints(n, tr.ALPHA, tr.BETA, tr.KAPPA, sqrt_method=_upper_factor)
+        UnscentedKalmanFilter.__init__(self, n, 3, 0.0, hx=None, fx=self._point_moved, points=points)
+        self._set_up(arrays((hypothesis,), rig, settings), tuning(settings))
+
+    def _point_moved(self, s: Array, dt: float) -> Array:
+        x = s[None].copy()
+        self._moved(x, self.slow.copy(), self.step)
+        return x[0]
+
+    def _moments(self, points: Array, Wm: Array, Wc: Array, Q: Array, *_: object) -> tuple[Array, Array]:
+        """filterpy's transform of the moved points, and the doubt in a change of speed; at rest as in the EKF."""
+        x, P = unscented_transform(points, Wm, Wc, Q)
+        P[0, 0] += (self.tune.agility * (x[0] - self.x[0])) ** 2
+        if not points[:, 0].any():
+            P[0, 0] = REST_VARIANCE
+        return x, P
+
+    def predict(self, u: Step) -> None:
+        """As `Observer.predict`; a bare UKF would take `u` for its dt."""
+        Observer.predict(self, u)
+        if np.isnan(u.dt):
+            self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+
+    def _advance(self, u: Step) -> None:
+        self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
+        mean = self.x[None].copy()
+        UnscentedKalmanFilter.predict(self, u.dt, UT=self._moments)
+        self._moved(mean, self.slow, u)
+
+    def _predicted_readings(self) -> tuple[Array, Array]:
+        self.sigmas_h = np.array([self._readings(s)[0] for s in self.sigmas_f])
+        y, S = unscented_transform(self.sigmas_h / self.sigma, self.Wm, self.Wc)
+        return y * self.sigma, S
+
+    def _correct(self, z: Array, y: Array, accepted: list[int]) -> None:
+        read = iter((self.sigmas_h / self.sigma)[:, accepted])  # the points went through h already
+        UnscentedKalmanFilter.update(
+            self, (z / self.sigma)[accepted], R=np.diag(self._doubt(y)[accepted]), hx=lambda s: next(read)
+        )
+
+
+class _SameShape:
+    """Stands in for a filter while IMMEstimator checks that all have one shape."""
+
+    def __init__(self) -> None:
+        self.x, self.P = np.zeros(3), np.eye(3)
+
+
+class LogIMM(IMMEstimator):
+    """filterpy's interacting multiple models with probabilities in logs and hypotheses of different states.
+
+    IMMEstimator insists on equal shapes when it is made, so it is made with stand-ins of the three shared states and gets
+    its filters afterwards; what adds up states of different filters is overridden. x (3,), P (3, 3): moments of w, I, x
+    over all hypotheses, new arrays every time (filterpy refills its own).
+
+    rates (m, m) per second: M = expm(rates dt), rows sum to one: M[i, j] is from i to j (filterpy's docstring says the
+    opposite). source, entry_mean, entry_var: see BankArrays.
+    """
+
+    def __init__(self, filters: Sequence[Observer], log_mu: Array, b: BankArrays, bias_entry: float) -> None:
+        super().__init__([_SameShape() for _ in filters], np.exp(log_mu), np.eye(len(filters)))
+        self.filters = list(filters)
+        self.b, self.bias_entry = b, bias_entry
+        self.log_mu = np.array(log_mu)
+        self.mu = np.exp(self.log_mu)
+        self.mixing, self._dt = False, -1.0
+        self._compute_state_estimate()
+
+    def predict(self, u: Step) -> None:
+        """Mixing, unless the sample is no evidence or the first; then every filter's own prediction."""
+        self.mixing = bool(u.active) and not np.isnan(u.dt)
+        if self.mixing:
+            if abs(u.dt - self._dt) > 1e-9 * u.dt:
+                self.M, self._dt = expm(self.b.rates * u.dt), u.dt
+            self._compute_mixing_probabilities()
+            self._mix()
+        for f in self.filters:
+            f.predict(u)
+        self._compute_state_estimate()
+        self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
+
+    def update(self, z: Array | None) -> None:
+        """Every filter's update; without any reading the probabilities follow the Markov chain alone."""
+        for i, f in enumerate(self.filters):
+            f.update(z)
+            self.likelihood[i] = f.log_density
+        if self.mixing:
+            log_mu = np.log(self.cbar) + self.likelihood
+            log_mu -= log_mu.max()
+            self.log_mu = np.maximum(log_mu - np.log(np.exp(log_mu).sum()), np.log(UNREACHED))
+            self.mu = np.exp(self.log_mu)
+        self._compute_state_estimate()
+        self.x_post, self.P_post = self.x.copy(), self.P.copy()
+
+    def _compute_state_estimate(self) -> None:
+        first = np.array([f.x[:3] for f in self.filters])
+        self.x = self.mu @ first
+        off = first - self.x
+        self.P = (off.T * self.mu) @ off + sum(
+            p * f.P[:3, :3] for p, f in zip(self.mu, self.filters, strict=True)
+        )
+
+    def _mix(self) -> None:
+        """New starting moments for every filter; a state that a source lacks comes from the target's entry prior."""
+        before = [(f.x, f.P, f.bias[0].copy()) for f in self.filters]
+        for j, target in enumerate(self.filters):
+            weights = [(i, self.omega[i, j]) for i in range(self.N) if self.omega[i, j] >= NEGLIGIBLE]
+            parts = [(w, *self._entered(*before[i][:2], i, j)) for i, w in weights]
+            target.x = sum(w * x for w, x, _ in parts)
+            target.P = sum(w * (P + np.outer(x - target.x, x - target.x)) for w, x, P in parts)
+            self._mix_bias(target, before[j][2], j, weights)
+
+    def _entered(self, x: Array, P: Array, i: int, j: int) -> tuple[Array, Array]:
+        """Moments x, P of source i in the states of target j."""
+        n = self.filters[j].n
+        at = self.b.source[j, i, :n]
+        own = at < 0
+        mean = np.where(own, self.b.entry_mean[j, :n], x[at])
+        cov = np.where(own[:, None] | own[None], np.diag(self.b.entry_var[j, :n]), P[np.ix_(at, at)])
+        return mean, cov
+
+    def _mix_bias(self, target: Observer, before: Array, j: int, weights: list[tuple[int, float]]) -> None:
+        if target.failed < 0:
+            return
+        entry = np.array([0.0, self.bias_entry**2 * self.b.noise[target.failed]])
+        parts = [(w, before if i == j else entry) for i, w in weights]
+        mean = sum(w * m for w, (m, _) in parts)
+        target.bias[0] = mean, sum(w * (v + (m - mean) ** 2) for w, (m, v) in parts)
+
+
+class FilterpyBank:
+    """The bank of `kernels.Bank` on filterpy: `advance` takes a log, or its next chunk, and returns its Estimate."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        settings: BankSettings,
+        hypotheses: tuple[Hypothesis, ...] | None = None,
+        filter_kind: str = "ekf",
+    ) -> None:
+        kinds = {"ekf": Ekf, "ukf": Ukf}
+        if filter_kind not in kinds:
+            raise ValueError(f"filter_kind must be one of {', '.join(kinds)}, got {filter_kind!r}")
+        self.rig, self.settings = rig, settings
+        self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
+        self.arrays = arrays(self.hypotheses, rig, settings)
+        self.filters: list[Observer] = [kinds[filter_kind](h, rig, settings) for h in self.hypotheses]
+        self.imm: LogIMM | None = None
+        self.commands = CommandStream(rig.model, settings.substep_s)
+        self.t = np.nan
+
+    def advance(self, log: Log) -> Estimate:
+        """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
+        w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
+        imm = self._begin(log, w_cmd[0]) if self.imm is None else self.imm
+        active = under_way(interval, w_cmd)
+        n, m = log.t.size, len(self.filters)
+        mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
+        seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
+        for k in range(n):
+            imm.predict(Step(log.t[k] - self.t, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
+            imm.update(log.z[k])
+            self.t = log.t[k]
+            mu[k] = imm.mu
+            nis[k], density[k], strain[k] = np.array(
+                [(f.nis, f.log_density, strain_of(f, self.arrays, j)) for j, f in enumerate(self.filters)]
+            ).T
+            y[k] = [f.predicted for f in self.filters]
+            best = self.filters[int(np.argmax(imm.mu))]
+            seen[k], states[k] = best.seen, (*best.x[:3], w_cmd[k])
+        return Estimate(
+            log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain
+        )
+
+    def _begin(self, log: Log, command0: float) -> LogIMM:
+        first = start(self.hypotheses, self.arrays, first_readings(log.z), command0)
+        for j, f in enumerate(self.filters):
+            f.x, f.P = first.x[j, : f.n].copy(), first.P[j, : f.n, : f.n].copy()
+            f.slow, f.bias = first.slow[j : j + 1].copy(), first.bias[j : j + 1].copy()
+        self.imm = LogIMM(self.filters, first.log_mu, self.arrays, self.settings.bias_entry)
+        return self.imm
+
+
+def strain_of(f: Observer, b: BankArrays, j: int) -> float:
+    """How far hypothesis j had to stretch constants that only it has, in prior standard deviations."""
+    own: NDArray[np.bool_] = b.own[j, : f.n]
+    off = np.abs(f.x - b.entry_mean[j, : f.n]) / np.sqrt(b.entry_var[j, : f.n])
+    return float(off[own].max(initial=0.0))
