@@ -11,7 +11,7 @@ from observer_fi import explain, kernels, sketch
 from observer_fi.columns import ColumnMap
 from observer_fi.hypotheses import Hypothesis
 from observer_fi.ingest import CHUNK_ROWS, LogFile, log_name, open_log, read_log
-from observer_fi.isolate import EventTracker, Isolator, Run, label_of
+from observer_fi.isolate import EventTracker, Isolator, Run, label_of, tested
 from observer_fi.mixture import Mixture
 from observer_fi.models import Rig
 from observer_fi.onset import onset_in
@@ -135,7 +135,7 @@ class Diagnosis:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         for tracker in self.isolator.add(estimate):
             self._look_for_onsets(tracker)
-        table = sketch.rows(log, estimate, self.rig)
+        table = sketch.rows(log, tested(estimate, self.settings.decision), self.rig)
         self.overview.add(table)
         self.zoom.add(table, self._point_of_interest(estimate))
         detected = self.detected_at if self.detected_at is not None else self._first_detection()

@@ -5,6 +5,7 @@ to be dead. Everything is causal and works on chunks, so that an hour and a stre
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,21 +38,21 @@ class Run(NamedTuple):
     detected: float
 
 
-def plausible(estimate: Estimate, settings: DecisionSettings) -> Array:
-    """Mode probabilities (n, m) after the absolute test of constants.
+def tested(estimate: Estimate, settings: DecisionSettings) -> Estimate:
+    """The estimate with its mode probabilities after the absolute test of constants.
 
     A hypothesis whose own constants are beyond what rigs show explains the data with a plant that does not exist: its
     probability goes to "none of these".
     """
     p = estimate.probability.copy()
     if UNKNOWN not in estimate.modes or not estimate.strain.size:
-        return p
+        return estimate
     unknown = estimate.modes.index(UNKNOWN)
     strained = estimate.strain > settings.strain_limit
     strained[:, unknown] = False
     p[:, unknown] += np.where(strained, p, 0.0).sum(axis=1)
     p[strained] = 0.0
-    return p
+    return replace(estimate, probability=p)
 
 
 class EventTracker:
@@ -68,6 +69,7 @@ class EventTracker:
         self.final: Array | None = None
         self.ratios = np.empty(0)
         self.misfits: dict[int, float] = {}
+        self.strained: set[int] = set()
         self.rest_nis = np.zeros(len(modes))
         self.rest_samples = 0
         self.dof = 3.0  # channels
@@ -83,7 +85,12 @@ class EventTracker:
         self._add_rest(e, int(moving[-1]) + 1 if moving.size else 0)
 
     def _add_motion(self, e: Estimate, window: int) -> None:
-        p = plausible(e, self.settings)
+        p = e.probability
+        self.strained |= set(
+            np.flatnonzero((e.strain > self.settings.strain_limit).any(axis=0)).tolist()
+            if e.strain.size
+            else ()
+        )
         self._misfit(e, p, window)
         nominal = p[:, 0] >= 0.5
         for j in range(p.shape[1]):
@@ -164,6 +171,9 @@ class EventTracker:
                 reasons.append("the fault came and went within the move")
             else:
                 j, run, p = self._after_rest(j, run, p, reasons)
+        if self.modes[j] == UNKNOWN and self.strained:
+            names = ", ".join(self.modes[k].replace("_", " ") for k in sorted(self.strained))
+            reasons.append(f"{names} would fit only with constants that no rig shows")
         if j in self.misfits and self.modes[j] != UNKNOWN and UNKNOWN in self.modes:
             since = self.misfits[j]
             reasons.append(
@@ -230,6 +240,7 @@ class Isolator:
         """Take the next samples; yields the tracker of the current move after each piece of a move."""
         if not self.window and e.t.size > 1:
             self.window = max(2, round(self.settings.window_s / float(np.median(np.diff(e.t)))))
+        e = tested(e, self.settings)
         self.fit.add(e)
         starts = np.flatnonzero(e.active & ~np.concatenate(([self.was_active], e.active[:-1])))
         starts = np.array(
