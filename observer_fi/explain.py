@@ -51,10 +51,21 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
         words.append(
             f"Other moves of this log show {', '.join(sorted({e.label.replace('_', ' ') for e in later}))}."
         )
+    if _chronic(isolation):
+        words.append(
+            "Most moves of this log disagree with the rig file in the same way, which points at the model rather than at a "
+            "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
+        )
     words.append(_ACT[v.label].format(channel=v.channel))
     if not isolation.events:
         words = ["The log holds no commanded move, so it says nothing about the actuator."]
     return " ".join(words)
+
+
+def _chronic(isolation: Isolation) -> bool:
+    """Whether at least three moves, and half of them, are explained by no named fault."""
+    odd = sum(e.label in ("unknown", "sensor_fault") for e in isolation.events)
+    return odd >= 3 and 2 * odd >= len(isolation.events)
 
 
 def _when(v: Event) -> str:
