@@ -9,10 +9,13 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
+
+if TYPE_CHECKING:
+    from observer_fi.scenario import Scenario
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
 T = TypeVar("T")
@@ -28,7 +31,8 @@ class Command(NamedTuple):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
-    args = _parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else list(argv)
+    args = _parser(next((word for word in words if not word.startswith("-")), "")).parse_args(words)
     try:
         return int(args.run(args))
     except (InvalidLogError, UsageError) as error:
@@ -41,7 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130  # as a shell reports SIGINT
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(wanted: str) -> argparse.ArgumentParser:
+    """The parser of all commands, with the arguments of the one that is wanted: the others may be slow to import."""
     parser = argparse.ArgumentParser(
         prog="observer-fi",
         description="Fault isolation of a DC-motor linear actuator: a DAQ log in, a verdict out.",
@@ -50,7 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, command in COMMANDS.items():
         sub = commands.add_parser(name, help=command.help, description=f"{command.help.capitalize()}.")
-        command.arguments(sub)
+        if name == wanted:
+            command.arguments(sub)
         sub.set_defaults(run=command.run)
     return parser
 
@@ -67,12 +73,13 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
-def add_rig(parser: argparse.ArgumentParser) -> None:
+def add_rig(parser: argparse.ArgumentParser, settings: bool = True) -> None:
     """Which machine, and everything tunable."""
     parser.add_argument(
         "--rig", metavar="RIG.toml", help="the machine: a file or a packaged name (mass_shifter)"
     )
-    parser.add_argument("--settings", metavar="FILE.toml", help="settings that differ from the defaults")
+    if settings:
+        parser.add_argument("--settings", metavar="FILE.toml", help="settings that differ from the defaults")
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
@@ -199,7 +206,136 @@ def _diagnose(args: argparse.Namespace) -> int:
     return FAULT if faults and args.fail_on_fault else OK
 
 
+# --- simulate ---
+
+
+def _simulate_arguments(parser: argparse.ArgumentParser) -> None:
+    from observer_fi.records import CHANNELS
+    from observer_fi.scenario import FAULTS
+
+    parser.add_argument(
+        "--moves",
+        default="0.3:410:2.5",
+        metavar="START:SPEED:SECONDS,...",
+        help="commanded moves, s and rad/s, signed; moves that touch go over without a stop (0.3:410:2.5)",
+    )
+    parser.add_argument("--seconds", type=float, help="length of the log [s] (0.4 more than the moves)")
+    parser.add_argument("--rate", type=float, default=1600.0, help="samples a second (1600)")
+    parser.add_argument("--pitch", type=float, default=0.0, help="pitch [deg] (0)")
+    parser.add_argument(
+        "--fault",
+        choices=FAULTS,
+        default="none",
+        metavar="KIND",
+        help=f"what goes wrong: {', '.join(FAULTS)}",
+    )
+    parser.add_argument("--at", type=float, default=0.0, metavar="T", help="when it goes wrong [s]")
+    parser.add_argument("--channel", choices=CHANNELS, help="which sensor, for a sensor fault")
+    parser.add_argument("--size", type=float, help="size of the fault, SI units (a plain one)")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a parameter of the equations at another value, all the time; may be repeated",
+    )
+    parser.add_argument(
+        "--spread", action="store_true", help="draw the rig from the spread of its parameters"
+    )
+    parser.add_argument("--noise", type=float, default=1.0, help="sensor noise, times that of the rig (1)")
+    parser.add_argument("--seed", type=int, default=0, help="repeats the log (0)")
+    parser.add_argument("--name", default="synthetic", help="name of the log (synthetic)")
+    parser.add_argument("--gzip", action="store_true", help="write .csv.gz")
+    add_rig(parser, settings=False)
+    add_common(parser)
+
+
+def _simulate(args: argparse.Namespace) -> int:
+    from observer_fi.models import load_rig
+    from observer_fi.output import write_file
+    from observer_fi.report import json_text
+    from observer_fi.scenario import csv_bytes, synthesise
+
+    rig, scenario = load_rig(args.rig), _scenario(args)
+    log, truth = synthesise(scenario, rig, args.name)
+    path = args.out / f"{args.name}.csv{'.gz' if args.gzip else ''}"
+    write_file(args.out / f"{args.name}.truth.json", json_text(truth.as_dict()))
+    write_file(path, csv_bytes(log, args.gzip))
+    if args.json:
+        emit_json({"log": str(path), **truth.as_dict()})
+    elif not args.quiet:
+        print(f"{path}: {truth.label}, truth in {args.out / args.name}.truth.json")
+    return OK
+
+
+def _scenario(args: argparse.Namespace) -> "Scenario":
+    from observer_fi.scenario import Fault, Move, Scenario
+
+    moves = tuple(Move(*numbers(part, ":", 3, "--moves")) for part in args.moves.split(",") if part)
+    ends = [move.start_s + move.seconds for move in moves]
+    effects = dict(assignment(text) for text in args.effect)
+    return Scenario(
+        moves, args.seconds or max(ends, default=0.6) + 0.4, args.rate, args.pitch,
+        Fault(args.fault, args.at, args.channel, args.size), effects, args.spread, args.noise, args.seed,
+    )  # fmt: skip
+
+
+def numbers(text: str, separator: str, count: int, option: str) -> list[float]:
+    """Exactly `count` numbers of an option. Raises UsageError."""
+    try:
+        found = [float(part) for part in text.split(separator)]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise UsageError(f"{option}: {text!r} is not {count} numbers with {separator!r} between them")
+    return found
+
+
+def assignment(text: str) -> tuple[str, float]:
+    """NAME=VALUE of --effect. Raises UsageError."""
+    name, _, value = text.partition("=")
+    return name.strip(), numbers(value, "=", 1, "--effect")[0]
+
+
+# --- compare ---
+
+
+def _compare_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--cases", type=int, default=60, help="how many logs (60)")
+    parser.add_argument("--seed", type=int, default=0, help="repeats the logs (0)")
+    add_rig(parser)
+    add_engine(parser)
+    add_common(parser)
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from observer_fi import comparison
+    from observer_fi.comparison_report import page, table
+    from observer_fi.models import load_rig
+    from observer_fi.output import write_folder
+    from observer_fi.report import json_text
+    from observer_fi.settings import load_settings
+
+    rig, settings = load_rig(args.rig), load_settings(args.settings)
+    if args.cases < 1:
+        raise UsageError(f"--cases: at least one log, got {args.cases}")
+    pairs = comparison.compare(args.cases, args.seed, rig, settings, args.engine, args.filter)
+    result = comparison.as_dict(list(progress(pairs, args, args.cases, "log")), args.seed, rig)
+    write_folder(args.out / "compare", {"compare.json": json_text(result), "compare.html": page(result)})
+    if args.json:
+        emit_json(result)
+    elif not args.quiet:
+        print(f"{table(result)}\n{args.out / 'compare' / 'compare.html'}")
+    return OK
+
+
 # A command is a row here: its help, its arguments, its function. Both import what they need inside.
 COMMANDS: dict[str, Command] = {
     "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
+    "compare": Command(
+        "observer bank against open-loop mixture over a Monte Carlo of faults", _compare_arguments, _compare
+    ),
+    "simulate": Command(
+        "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate
+    ),
 }
