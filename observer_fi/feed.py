@@ -1,72 +1,119 @@
-"""The command as a bank takes it: interval by interval, from a log that comes whole, in chunks or sample by sample."""
+"""The command as a bank takes it, interval by interval: the same numbers for a whole log, its chunks and single samples.
+
+Between two samples the command is the trapezoid of `command.py`, whose corners need one interval of the past. A delay
+looks further back: the knots of that time are kept, nothing else, so that a stream of days needs no more memory.
+"""
 
 import numpy as np
 
-from observer_fi.command import corners
+from observer_fi.compiled import uncounted
 from observer_fi.models import Model
 from observer_fi.records import Array
 
-HISTORY = 0.05  # s of past that corners need, beyond the delay itself
+SETTLING = 8  # first samples that tell the sampling interval
+LAST_T, LAST_W, SLOPE, FIRST, COUNT = range(5)  # what a stream remembers besides the knots
 
 
-def at_half_steps(t: Array, knots: Array, values: Array, substeps: int, delay: float = 0.0) -> Array:
-    """Command at the 2 m half-steps from every sample on, (n, 2 m) rad/s, `delay` seconds late.
+@uncounted
+def _value(knots, k, last, at):
+    """Command at a time between knots k and k + 1; constant before the first knot and after the last."""
+    if k == last or at <= knots[k, 0]:
+        return knots[k, 1]
+    share = (at - knots[k, 0]) / (knots[k + 1, 0] - knots[k, 0])
+    return knots[k, 1] + share * (knots[k + 1, 1] - knots[k, 1])
 
+
+@uncounted
+def _remember(knots, memory, t, w):
+    """Put a knot behind the others; the oldest makes room where there is none."""
+    first, count = int(memory[FIRST]), int(memory[COUNT])
+    if count == knots.shape[0]:
+        shift = max(first, 1)
+        for k in range(shift, count):
+            knots[k - shift, 0], knots[k - shift, 1] = knots[k, 0], knots[k, 1]
+        first, count = first - min(first, shift), count - shift
+    knots[count, 0], knots[count, 1] = t, w
+    memory[FIRST], memory[COUNT] = first, count + 1
+
+
+@uncounted
+def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
+    """Command at the samples, out_w (n,), and at the half-steps of the interval before each, out (n, 2 m) rad/s.
+
+    t (n,) s; w_cmd (n,) rad/s; accel: commanded acceleration, limit: what the servo can follow [rad/s^2]; delay [s].
+    knots (k, 2) times and values, memory (5,): the past, updated in place. Between two samples whose difference is less
+    than accel allows, the ramp ends early where the interval before was a ramp, and starts late where it was not.
     Middles are set so that Simpson's rule over the step gives the exact integral of the piecewise linear command.
     """
-    n = t.size
-    dt = np.append(np.diff(t), 0.0)
-    grid = (t[:, None] + dt[:, None] * np.arange(2 * substeps) / (2 * substeps)).ravel() - delay
-    w = np.interp(grid, knots, values)
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(knots))))
-    edges = grid[::2]
-    j = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, knots.size - 1)
-    area = integral[j] + 0.5 * (values[j] + w[::2]) * (edges - knots[j])
-    h, mean = np.diff(edges), np.diff(area)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        middle = 0.25 * (6.0 * mean / h - w[:-2:2] - w[2::2])
-    w[1:-1:2] = np.where(h > 0.0, middle, w[1:-1:2])
-    return w.reshape(n, 2 * substeps)
+    steps = out.shape[1] // 2
+    for row in range(t.size):
+        w = w_cmd[row] if w_cmd[row] == w_cmd[row] else 0.0
+        before, was = memory[LAST_T], memory[LAST_W]
+        dt = t[row] - before
+        if dt != dt:  # the first sample
+            for q in range(2 * steps):
+                out[row, q] = w
+            out_w[row] = w
+            memory[LAST_T], memory[LAST_W], memory[SLOPE] = t[row], w, 0.0
+            _remember(knots, memory, t[row], w)
+            continue
+        w = was + min(max(w - was, -limit * dt), limit * dt)
+        dw = w - was
+        ramp = abs(dw) / accel
+        if abs(dw) > 1e-9 * accel * dt and ramp < 0.999 * dt:
+            if abs(memory[SLOPE]) > 0.5 * accel:
+                _remember(knots, memory, before + ramp, w)
+            else:
+                _remember(knots, memory, t[row] - ramp, was)
+        _remember(knots, memory, t[row], w)
+        memory[LAST_T], memory[LAST_W], memory[SLOPE] = t[row], w, dw / dt
+        last = int(memory[COUNT]) - 1
+        k, left = int(memory[FIRST]), before - delay
+        while k < last and knots[k + 1, 0] <= left:
+            k += 1
+        memory[FIRST] = k
+        w_left = _value(knots, k, last, left)
+        for m in range(steps):
+            right = (before + dt * (m + 1) / steps if m + 1 < steps else t[row]) - delay
+            area, at, value = 0.0, left, w_left
+            while k < last and knots[k + 1, 0] <= right:
+                area += 0.5 * (value + knots[k + 1, 1]) * (knots[k + 1, 0] - at)
+                k += 1
+                at, value = knots[k, 0], knots[k, 1]
+            w_right = _value(knots, k, last, right)
+            area += 0.5 * (value + w_right) * (right - at)
+            out[row, 2 * m] = w_left
+            out[row, 2 * m + 1] = 0.25 * (6.0 * area / (right - left) - w_left - w_right)
+            left, w_left = right, w_right
+        out_w[row] = w_left
 
 
 class CommandStream:
-    """The command between samples for a log that comes in chunks: remembers enough of the past for corners and delay."""
+    """The command of one log, in order: whole, in chunks, or sample by sample from its SETTLING first samples on."""
 
     def __init__(self, model: Model, substep_s: float) -> None:
-        self.accel = model["accel_cmd"]
+        self.accel = min(model["accel_cmd"], model["accel_limit"])
         self.limit = model["accel_limit"]
         self.delay = model["input_delay"]
         self.substep_s = substep_s
-        self.t = np.empty(0)
-        self.w = np.empty(0)
-        self.followed = np.nan
         self.substeps = 0
+        self.knots = np.empty((0, 2))
+        self.memory = np.array([np.nan, 0.0, 0.0, 0.0, 0.0])
+
+    def start(self, t: Array) -> None:
+        """Choose the steps of an interval and the room for knots from the first samples of a log."""
+        step = float(np.median(np.diff(t[: SETTLING + 1]))) if t.size > 1 else self.substep_s
+        self.substeps = int(np.clip(np.ceil(step / self.substep_s - 1e-6), 1, 8))
+        self.knots = np.empty((64 + 4 * int(np.clip(np.ceil(self.delay / step), 0, 10**6)), 2))
 
     def intervals(self, t: Array, w_cmd: Array) -> tuple[Array, Array]:
         """Command as the servo sees it: (n,) at the samples, (n, 2 m) at the half-steps of the interval before each."""
         if not self.substeps:
-            step = np.median(np.diff(t)) if t.size > 1 else self.substep_s
-            self.substeps = int(np.clip(np.ceil(step / self.substep_s - 1e-6), 1, 8))
-        followed = np.nan_to_num(w_cmd)
-        if np.isfinite(self.limit):
-            followed = self._slewed(t, followed)
-        past = self.t.size
-        all_t, all_w = np.concatenate((self.t, t)), np.concatenate((self.w, followed))
-        knots, values = corners(all_t, all_w, min(self.accel, self.limit))
-        rows = at_half_steps(all_t, knots, values, self.substeps, self.delay)
-        before = np.vstack((rows[:1], rows[:-1]))
-        keep = all_t >= all_t[-1] - self.delay - HISTORY
-        keep[-4:] = True
-        self.t, self.w = all_t[keep], all_w[keep]
-        return rows[past:, 0].copy(), before[past:].copy()
+            self.start(t)
+        w, out = np.empty(t.size), np.empty((t.size, 2 * self.substeps))
+        self.fill(t, w_cmd, w, out)
+        return w, out
 
-    def _slewed(self, t: Array, w_cmd: Array) -> Array:
-        """The command as a servo follows it that cannot accelerate faster than its limit."""
-        out = np.empty_like(w_cmd)
-        last_t, last = (self.t[-1], self.followed) if self.t.size else (t[0], w_cmd[0])
-        for k in range(t.size):
-            step = self.limit * (t[k] - last_t)
-            last, last_t = last + np.clip(w_cmd[k] - last, -step, step), t[k]
-            out[k] = last
-        self.followed = last
-        return out
+    def fill(self, t: Array, w_cmd: Array, w: Array, out: Array) -> None:
+        """As `intervals`, into arrays that exist."""
+        follow(t, w_cmd, self.accel, self.limit, self.delay, self.knots, self.memory, w, out)
