@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from observer_fi import residuals as residual
+from observer_fi import paper_residuals as residual
 from observer_fi.chart import INK, MUTED, Figure, Panel, padded
 from observer_fi.models import Rig
 from observer_fi.records import Array, Event, Outcome, Traces

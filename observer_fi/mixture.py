@@ -16,8 +16,8 @@ from observer_fi import simulate as sim
 from observer_fi.command import corners
 from observer_fi.compiled import compiled
 from observer_fi.models import Model, Rig, coupling_loss, override
+from observer_fi.paper_residuals import sensor_std
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.residuals import sensor_std
 from observer_fi.trapezoid import quarters
 
 MODES = ("nominal", "overload", "coupling_loss")

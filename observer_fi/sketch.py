@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi import residuals
+from observer_fi import paper_residuals as residuals
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log, Traces
 
