@@ -218,7 +218,7 @@ _TABLE = (
     ),
     Cause(
         "current_lag", "servo", "T di/dt = i_cmd - i", "bandwidth of the inner loop",
-        _one("current_lag", 5e-5, 3e-5, 0.05),
+        _one("current_lag", 1e-4, 6e-5, 0.05),
         confused_with=("input_delay",),
         separate_by="a faster logger through a start, both signals from one clock",
     ),

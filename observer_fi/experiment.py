@@ -107,7 +107,8 @@ def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
         settled = _since(log.t, np.diff(log.w_cmd, append=log.w_cmd[-1]) != 0.0)[1:-1] > _SETTLED_S
         second = np.abs(np.diff(log.z, 2, axis=0))[settled]
         if second.shape[0] > 100:
-            estimates.append(np.nanmedian(second, axis=0) / (0.6745 * math.sqrt(6.0)))
+            usual = second < 5.9 * np.nanmedian(second, axis=0)  # four standard deviations
+            estimates.append(np.sqrt(np.nanmean(np.where(usual, second**2, np.nan), axis=0) / 6.0))
     if not estimates:
         return rig.noise_std
     found = np.median(estimates, axis=0)

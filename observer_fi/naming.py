@@ -6,7 +6,7 @@ pays for its parameters, explains a good part of what is left, and helps on held
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,14 +15,15 @@ from observer_fi.experiment import Experiment, select
 from observer_fi.fitting import FitResult, Free, fit, inflation, objective, residuals, without_moves
 from observer_fi.models import Model, Rig, override
 from observer_fi.records import Array
-from observer_fi.screening import Candidate, free_of, reach_of, refit, screen
+from observer_fi.screening import Candidate, reach_of, refit, screen
+from observer_fi.unexplained import smooth_terms
 
 # Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.
 _PRIORS = {
     "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
-_SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 7e-5, 0.0, 1e-4)  # half the period of a servo of 7 kHz or more
+_SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the period of a servo of 5 kHz or more
 _STOPS = {"C": 1.0, "E": 0.2}
 
 
@@ -33,7 +34,8 @@ class NamingSettings:
     share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel; dust:
     of the baseline's excess, below which nothing is named: imperfections of larger causes look like that. held_out: share of the gain that must be
     seen on held-out moves. close: nats, per unit of the residuals' inflation, within which a rival cannot be told
-    apart. alike: |cos| between directions of rivals. rivals: how many are refitted in a round.
+    apart. rivals: how many are refitted in a round. margin: nats over the penalty. A cause is refused where one smooth
+    term gains smooth_factor times as much and smooth_share of all: the truth is then outside the vocabulary.
     """
 
     share: float = 0.25
@@ -41,10 +43,11 @@ class NamingSettings:
     dust: float = 0.003
     held_out: float = 0.3
     close: float = 6.0
-    alike: float = 0.95
     rivals: int = 6
     rounds: int = 6
-    margin: float = 5.0
+    margin: float = 10.0
+    smooth_factor: float = 1.5
+    smooth_share: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,9 @@ def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
 def causes_of(experiment: Experiment, model: Model) -> tuple[str, ...]:
     """The causes that this experiment can speak about at all."""
     touched = math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"])
-    return tuple(name for name, cause in CAUSES.items() if cause.variants and (touched or cause.equation != "contact"))
+    return tuple(
+        name for name, cause in CAUSES.items() if cause.variants and (touched or cause.equation != "contact")
+    )
 
 
 def penalty(experiment: Experiment, parameters: int, candidates: int) -> float:
@@ -164,15 +169,24 @@ def _next(
     for net, candidate, result in scored:
         gain = fitted.objective - result.objective
         factor = inflation(experiment, result.residuals)
-        if net < settings.margin or gain / factor < _price(experiment, candidate, candidates) + settings.margin:
+        if (
+            net < settings.margin
+            or gain / factor < _price(experiment, candidate, candidates) + settings.margin
+        ):
             continue
         if not _matters(experiment, fitted, result, most, settings):
             continue
         seen = _held_out_gain(experiment, fitted, result)
         if seen < settings.held_out * gain:
             continue
+        if _smooth_is_better(experiment, fitted, result, gain, settings):
+            continue
         others = _indistinguishable(candidate, net, factor, scored, settings)
-        return Named(candidate, gain, _price(experiment, candidate, candidates), seen, others), refused, tuple(candidates)
+        return (
+            Named(candidate, gain, _price(experiment, candidate, candidates), seen, others),
+            refused,
+            tuple(candidates),
+        )
     return None, refused, tuple(candidates)
 
 
@@ -194,6 +208,18 @@ def _matters(
         if left > 0.0 and won >= settings.channel_share * left:
             return True
     return False
+
+
+def _smooth_is_better(
+    experiment: Experiment, before: FitResult, after: FitResult, gain: float, settings: NamingSettings
+) -> bool:
+    """Whether one smooth term explains nearly all that is left where the named cause explains far less."""
+    n = int((experiment.weight > 0.0).sum())
+    left = 0.5 * (float(np.vdot(before.residuals, before.residuals)) - n)
+    if excess(experiment, after.residuals) == 0.0 or gain > left / settings.smooth_factor:
+        return False
+    best = smooth_terms(experiment, before, left)[0]
+    return best.held_out > settings.smooth_factor * gain and best.held_out > settings.smooth_share * left
 
 
 def channel_excess(experiment: Experiment, r: Array, channel: int) -> float:
@@ -224,12 +250,18 @@ def _shortlist(candidates: Sequence[Candidate], settings: NamingSettings) -> lis
 def _held_out_gain(experiment: Experiment, before: FitResult, after: FitResult) -> float:
     """Nats by which held-out moves are better explained, and what is known of the rig better respected."""
     r0, r1 = held_out_residuals(experiment, before), held_out_residuals(experiment, after)
-    prior = objective(before.model, before.free, np.zeros(1)) - objective(after.model, after.free, np.zeros(1))
+    prior = objective(before.model, before.free, np.zeros(1)) - objective(
+        after.model, after.free, np.zeros(1)
+    )
     return 0.5 * float(np.vdot(r0, r0) - np.vdot(r1, r1)) + prior
 
 
 def _indistinguishable(
-    best: Candidate, net: float, factor: float, scored: Sequence[tuple[float, Candidate, FitResult]], settings: NamingSettings
+    best: Candidate,
+    net: float,
+    factor: float,
+    scored: Sequence[tuple[float, Candidate, FitResult]],
+    settings: NamingSettings,
 ) -> dict[str, float]:
     """Causes that fall short by too little, or move the readings in the same direction, and aliases."""
     others = dict.fromkeys(best.cause.aliases, 0.0)

@@ -109,7 +109,7 @@ def screen(
     pairs = [(CAUSES[name], variant) for name in causes for variant in CAUSES[name].variants]
     with ThreadPoolExecutor(2) as pool:
         columns = list(pool.map(lambda pair: columns_of(experiment, fitted, pair[1], reach), pairs))
-    base = _Projector(experiment, fitted)
+    base = Projector(experiment, fitted)
     found = [
         candidate
         for (cause, variant), block in zip(pairs, columns, strict=True)
@@ -118,7 +118,7 @@ def screen(
     return sorted(found, key=lambda c: -c.gain)
 
 
-class _Projector:
+class Projector:
     """Projects columns off the refit: the free parameters (with their priors) and two numbers per move."""
 
     def __init__(self, experiment: Experiment, fitted: FitResult) -> None:
@@ -155,7 +155,7 @@ class _Projector:
 
 
 def _score(
-    base: _Projector, cause: Cause, variant: Variant, block: Array, reach: dict[str, float]
+    base: Projector, cause: Cause, variant: Variant, block: Array, reach: dict[str, float]
 ) -> Candidate | None:
     C = np.array([base(column) for column in block])
     if not np.isfinite(C).all() or np.linalg.norm(C) < 1e-3:

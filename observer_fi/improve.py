@@ -1,0 +1,275 @@
+"""Improve: what the simulation gets wrong, its name, the extended model, and what it gains on moves never fitted."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from observer_fi.actuator import PARAMETERS
+from observer_fi.effects import CAUSES
+from observer_fi.errors import UsageError
+from observer_fi.experiment import Experiment, prepare, simulate
+from observer_fi.fitting import FitResult, autocorrelation, nll_per_sample
+from observer_fi.models import Rig, with_values
+from observer_fi.naming import (
+    Named,
+    Naming,
+    NamingSettings,
+    channel_excess,
+    excess,
+    held_out_residuals,
+    name_causes,
+)
+from observer_fi.records import Array, Log, Segment
+from observer_fi.residuals import Residuals, residual_tables
+from observer_fi.stops import find_stops
+from observer_fi.unexplained import Smooth, smooth_terms
+
+SCHEMA = "observer-fi/improve/1"
+CHANNELS = ("voltage_v", "current_a", "position_m")
+_WHITE_LAGS = 20
+_UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
+_AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How well a model explains moves it was not fitted to. rmse: A, m, rad/s. whiteness_p: per channel."""
+
+    nll_per_sample: float
+    rmse: dict[str, float]
+    whiteness_p: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter: value, standard error, what it was before, unit."""
+
+    value: float
+    std: float
+    prior: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """One finding of contract section 4, with the cause's formula and its variant in words."""
+
+    cause: str
+    equation: str
+    variant: str
+    formula: str
+    parameters: dict[str, Value]
+    delta_bic: float
+    heldout_nll_drop_per_sample: float
+    heldout_rmse_ratio: dict[str, float]
+    indistinguishable_from: tuple[str, ...]
+    separate_by: str
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """Everything that a report on `improve` needs.
+
+    detectable: for each cause the smallest size that this log could have shown (five standard errors), by parameter,
+    or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats.
+    """
+
+    rig: Rig
+    extended_rig: Rig
+    experiment: Experiment
+    naming: Naming
+    baseline: Measure
+    extended: Measure
+    refit: dict[str, Value]
+    findings: tuple[FoundCause, ...]
+    unexplained: tuple[Smooth, ...]
+    detectable: dict[str, dict[str, float] | None]
+    refused: tuple[tuple[str, float], ...]
+    before: Residuals
+    after: Residuals
+
+
+def improve(
+    logs: Sequence[Log],
+    rig: Rig,
+    moves: Sequence[Sequence[Segment]] | None = None,
+    settings: NamingSettings | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Improvement:
+    """The whole of `improve` for logs of one rig. Raises UsageError for a rig that is not driven by its servo."""
+    if rig.drive != "pi_servo":
+        raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
+    experiment = prepare(logs, rig, moves)
+    model = find_stops(experiment, rig)
+    naming = name_causes(experiment, rig, model, settings, progress)
+    progress("what stays unexplained")
+    before = held_out_residuals(experiment, naming.baseline)
+    after = held_out_residuals(experiment, naming.extended) if naming.named else before
+    base, extended = (
+        _measure(experiment, naming.baseline, before),
+        _measure(experiment, naming.extended, after),
+    )
+    values = {f.name: naming.extended.model[f.name] for f in naming.extended.free}
+    values |= {name: v for n in naming.named for name, v in n.candidate.variant.fixed}
+    return Improvement(
+        rig,
+        with_values(rig, values, naming.extended.std, "improve"),
+        experiment,
+        naming,
+        base,
+        extended,
+        _refit(rig, naming),
+        tuple(_finding(experiment, rig, naming, named, before, after) for named in naming.named),
+        _unexplained(experiment, naming),
+        _detectable(naming),
+        naming.refused,
+        residual_tables(experiment, naming.baseline),
+        residual_tables(experiment, naming.extended),
+    )
+
+
+def to_json(record: Improvement) -> dict[str, Any]:
+    """Contract section 4."""
+    return {
+        "schema": SCHEMA,
+        "baseline": _measure_json(record.baseline),
+        "refit": {name: _value_json(v) for name, v in record.refit.items()},
+        "findings": [
+            {
+                "cause": f.cause,
+                "equation": f.equation,
+                "parameters": {
+                    n: {"value": v.value, "std": v.std, "unit": v.unit} for n, v in f.parameters.items()
+                },
+                "evidence": {"delta_bic": f.delta_bic},
+                "gain": {
+                    "heldout_nll_drop_per_sample": f.heldout_nll_drop_per_sample,
+                    "heldout_rmse_ratio": f.heldout_rmse_ratio,
+                },
+                "indistinguishable_from": list(f.indistinguishable_from),
+                "separate_by": f.separate_by,
+            }
+            for f in record.findings
+        ],
+        "unexplained": [
+            {"equation": u.equation, "regressor": u.regressor, "share_of_residual_variance": u.share}
+            for u in record.unexplained
+        ],
+        "extended": _measure_json(record.extended),
+    }
+
+
+def _measure_json(m: Measure) -> dict[str, Any]:
+    return {"nll_per_sample": m.nll_per_sample, "rmse": m.rmse, "whiteness_p": m.whiteness_p}
+
+
+def _value_json(v: Value) -> dict[str, Any]:
+    return {"value": v.value, "std": v.std, "prior": v.prior, "unit": v.unit}
+
+
+def _measure(experiment: Experiment, fitted: FitResult, held_out: Array) -> Measure:
+    white = {name: whiteness(fitted.residuals[:, c]) for c, name in enumerate(CHANNELS)}
+    return Measure(nll_per_sample(experiment, held_out), _rmse(experiment, fitted, held_out), white)
+
+
+def _rmse(experiment: Experiment, fitted: FitResult, held_out: Array) -> dict[str, float]:
+    """Root mean square of the held-out residuals: current, position, and the speed of equation 16."""
+    error = held_out * experiment.noise
+    speed = (error[:, 0] - fitted.model["Rm"] * error[:, 1]) / fitted.model["Km"]
+    both = (experiment.weight[:, :2] > 0.0).all(axis=1)
+    return {
+        "current_a": _rms(error[experiment.weight[:, 1] > 0.0, 1]),
+        "position_m": _rms(error[experiment.weight[:, 2] > 0.0, 2]),
+        "speed_rad_s": _rms(speed[both]),
+    }
+
+
+def _rms(y: Array) -> float:
+    return float(np.sqrt(np.mean(y**2))) if y.size else float("nan")
+
+
+def whiteness(r: Array) -> float:
+    """p-value of Ljung and Box's test that a residual has no autocorrelation up to lag 20."""
+    rho = autocorrelation(r, _WHITE_LAGS)
+    n = r.size
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, _WHITE_LAGS + 1))))
+    return float(chi2.sf(q, _WHITE_LAGS))
+
+
+def _refit(rig: Rig, naming: Naming) -> dict[str, Value]:
+    """Parameters of the rig file, and the delay of its servo, after the refit with all that was found."""
+    terms = {t.parameter for n in naming.named for t in n.candidate.variant.terms}
+    std = naming.extended.std
+    return {
+        f.name: Value(naming.extended.model[f.name], std[f.name], rig.model[f.name], PARAMETERS[f.name][0])
+        for f in naming.extended.free
+        if f.name not in terms
+    }
+
+
+def _finding(
+    experiment: Experiment, rig: Rig, naming: Naming, named: Named, before: Array, after: Array
+) -> FoundCause:
+    cause, variant = named.candidate.cause, named.candidate.variant
+    std, model = naming.extended.std, naming.extended.model
+    samples = max(int((experiment.weight > 0.0).any(axis=1).sum()), 1)
+    parameters = {
+        t.parameter: Value(model[t.parameter], std.get(t.parameter, 0.0), t.neutral, t.unit)
+        for t in variant.terms
+    }
+    parameters |= {n: Value(v, 0.0, v, PARAMETERS[n][0]) for n, v in variant.fixed}
+    ratio = {name: _rms(after[:, c]) / max(_rms(before[:, c]), 1e-300) for c, name in enumerate(CHANNELS)}
+    return FoundCause(
+        cause.name,
+        cause.equation,
+        variant.name,
+        cause.formula,
+        parameters,
+        2.0 * (named.gain - named.penalty),
+        named.held_out / samples,
+        ratio,
+        tuple(named.rivals),
+        _separate_by(cause.name, tuple(named.rivals)),
+    )
+
+
+def _separate_by(cause: str, rivals: Sequence[str]) -> str:
+    texts = [CAUSES[name].separate_by for name in (cause, *rivals) if CAUSES[name].separate_by]
+    return "; ".join(dict.fromkeys(texts))
+
+
+def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
+    """The smooth terms that the extended model still asks for, the best first."""
+    r = naming.extended.residuals
+    most = excess(experiment, naming.baseline.residuals)
+    left = excess(experiment, r)
+    channels = [channel_excess(experiment, r, c) for c in range(3)]
+    if max(left, *channels) <= 0.003 * most or max(left, *channels) == 0.0:
+        return ()
+    n = int((experiment.weight > 0.0).sum())
+    whole = max(0.5 * (float(np.vdot(r, r)) - n), left, *channels)
+    terms = smooth_terms(experiment, naming.extended, whole)
+    best = terms[0].held_out
+    told: dict[tuple[str, str], Smooth] = {}
+    for term in terms:
+        if term.share >= _UNEXPLAINED_SHARE and term.held_out >= _AS_GOOD * best:
+            told.setdefault((term.equation, term.regressor), term)
+    return tuple(told.values())
+
+
+def _detectable(naming: Naming) -> dict[str, dict[str, float] | None]:
+    """Five standard errors of each cause's size beside the refit, from the last round of scores."""
+    found: dict[str, dict[str, float] | None] = dict.fromkeys(CAUSES)
+    for candidate in naming.screened:
+        name = candidate.cause.name
+        if found[name] is None:
+            found[name] = {k: 5.0 * v for k, v in candidate.detectable.items() if math.isfinite(v)}
+    for name, cause in CAUSES.items():
+        for alias in cause.aliases:
+            if found[name] is None:
+                found[name] = found[alias]
+    return found

@@ -1,0 +1,243 @@
+"""What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves.
+
+A small disturbance of one equation moves the readings linearly. Along the simulated motion the closed loop is one of
+three linear systems (free, saturated, at rest), so the response to every shape of disturbance is one cheap recursion.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer_fi import actuator as a
+from observer_fi import simulate as s
+from observer_fi.compiled import compiled
+from observer_fi.experiment import Experiment, run
+from observer_fi.fitting import FitResult
+from observer_fi.records import Array
+from observer_fi.screening import Projector
+
+KNOTS = 9
+_LEVELS = 6
+_RIDGE = 1e-6
+_FREQUENCIES = np.arange(0.1, 6.0, 0.02)
+EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smooth term that the residual asks for: equation, regressor, whether it follows the direction of motion.
+
+    gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
+    at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
+    ohm, 1, m, A, V).
+    """
+
+    equation: str
+    regressor: str
+    directed: bool
+    gain: float
+    held_out: float
+    share: float
+    at: Array
+    curve: Array
+    band: Array
+
+
+def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> list[Smooth]:
+    """Every (equation, regressor) pair, the best on held-out moves first.
+
+    excess: misfit over the noise of this fit [nats], of which the shares are told.
+    """
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    projector = Projector(experiment, fitted)
+    found = []
+    given = regressors(experiment, states)
+    shapes = [(name, *_basis(name, values)) for name, values in given.items()]
+    shapes.append(("pitch", *_pitch_by_speed(given["pitch"], given["speed"])))
+    shapes.append(("time", *_wave(experiment, projector, fitted, states)))
+    for regressor, at, basis in shapes:
+        for equation in EQUATIONS:
+            for directed in (False, True) if equation == "torque" else (False,):
+                forcing = _forcing(equation, directed, states, basis)
+                columns = response(experiment, fitted, states, equation, forcing)
+                found.append(
+                    _judge(experiment, projector, columns, equation, regressor, directed, at, basis, excess)
+                )
+    return sorted(found, key=lambda term: -term.held_out)
+
+
+def regressors(experiment: Experiment, states: Array) -> dict[str, Array]:
+    """(N,) each: what a disturbance may depend on. temperature: energy lost in the winding since the log began [J]."""
+    i, x = states[:, s.CURRENT], states[:, s.MASS]
+    heat = np.concatenate([
+        np.interp(experiment.t[experiment.rows(m)], t, np.cumsum(c * c) * float(np.median(np.diff(t))))
+        for m in range(experiment.moves)
+        for t, c in [experiment.history[experiment.log[m]]]
+    ])  # fmt: skip
+    return {
+        "time": experiment.t,
+        "speed": states[:, s.W],
+        "position": x,
+        "shaft_angle": states[:, s.PHI],
+        "screw_angle": 2.0 * math.pi * x / 1e-3,
+        "pitch": experiment.theta,
+        "current": i,
+        "load": np.abs(i),
+        "temperature": heat,
+    }
+
+
+def _basis(regressor: str, r: Array) -> tuple[Array, Array]:
+    """Points of the regressor (K,) and the basis (K, N): harmonics of an angle, hats at levels, or hats at knots."""
+    if regressor.endswith("_angle"):
+        return np.arange(4.0), np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)])
+    levels = np.unique(np.round(r, 1)) if regressor == "pitch" else np.empty(0)
+    if 1 < levels.size <= _LEVELS:
+        at = levels
+    else:
+        low, high = np.quantile(r, (0.002, 0.998))
+        at = np.linspace(low, high, KNOTS + (6 if regressor in ("position", "time") else 0))
+    if at[-1] - at[0] <= 0.0:
+        at = np.array([at[0], at[0] + 1.0])
+    return at, np.array([np.interp(r, at, row) for row in np.eye(at.size)])
+
+
+def _pitch_by_speed(pitch: Array, speed: Array) -> tuple[Array, Array]:
+    """A curve over the speed for every level of pitch: a torque that needs both."""
+    at, levels = _basis("pitch", pitch)
+    knots = np.linspace(0.0, float(np.abs(speed).max()), 4)
+    hats = [np.interp(np.abs(speed), knots, row) for row in np.eye(knots.size)[1:]]
+    basis = np.array([level * hat for level in levels for hat in hats])
+    return np.repeat(at, len(hats)), basis
+
+
+def _wave(
+    experiment: Experiment, projector: Projector, fitted: FitResult, states: Array
+) -> tuple[Array, Array]:
+    """The frequency [Hz] at which a torque in time would explain most, and its sine and cosine."""
+    best, at = 0.0, _FREQUENCIES[0]
+    for f in _FREQUENCIES:
+        wave = _sine(f, experiment.t)
+        columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
+        g = columns @ projector.r[: columns.shape[1]]
+        gain = float(np.sum(g**2 / np.maximum(np.sum(columns**2, axis=1), 1e-300)))
+        if gain > best:
+            best, at = gain, f
+    return np.array([at, at]), _sine(at, experiment.t)
+
+
+def _sine(f: float, t: Array) -> Array:
+    return np.array([np.sin(2.0 * math.pi * f * t), np.cos(2.0 * math.pi * f * t)])
+
+
+def _forcing(equation: str, directed: bool, states: Array, basis: Array) -> Array:
+    """(K, N) disturbance in the unit of the equation: a resistance times the current, a share of the screw's speed."""
+    if equation == "electrical":
+        return basis * states[:, s.CURRENT]
+    if equation == "kinematics":
+        return basis * states[:, s.W]
+    return basis * np.sign(states[:, s.W]) if directed else basis
+
+
+def response(
+    experiment: Experiment, fitted: FitResult, states: Array, equation: str, forcing: Array
+) -> Array:
+    """(K, N, 3) change of the normalised readings for each unit disturbance of one equation."""
+    K, N = forcing.shape
+    out = np.zeros((K, N, 3))
+    channel = {"sensor:voltage": 0, "sensor:current": 1, "sensor:position": 2}.get(equation)
+    if channel is not None:
+        out[:, :, channel] = forcing
+        return out * experiment.weight
+    p = fitted.model.vector
+    w, i, h = states[:, s.W], states[:, s.CURRENT], states[:, s.H]
+    limit = p[a.VMAX] - states[:, s.SAG]
+    V = (p[a.RM] * (1.0 + h) + p[a.RS]) * i + p[a.KM] * w
+    mode = np.where(w == 0.0, 0, np.where(np.abs(V) > limit - 1e-6, 2, 1))
+    kind = {"torque": 0, "electrical": 1, "kinematics": 2}[equation]
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        _respond(
+            experiment.t[rows],
+            mode[rows],
+            h[rows],
+            kind,
+            np.ascontiguousarray(forcing[:, rows].T),
+            p,
+            out[:, rows],
+        )
+    return out * experiment.weight
+
+
+@compiled
+def _respond(t, mode, h, kind, forcing, p, out):
+    n, K = forcing.shape
+    dw, dI, dx = np.zeros(K), np.zeros(K), np.zeros(K)
+    J = a.inertia(p)
+    for j in range(n):
+        R = p[a.RM] * (1.0 + h[j]) + p[a.RS]
+        for k in range(K):
+            f = forcing[j, k]
+            di = p[a.KI] * dI[k] - p[a.KP] * dw[k]
+            v = f if kind == 1 else 0.0
+            if mode[j] == 2:
+                di = (-p[a.KM] * dw[k] - v) / R
+            out[k, j, 0] = p[a.RM] * (1.0 + h[j]) * di + p[a.KM] * dw[k] + v
+            out[k, j, 1] = di
+            out[k, j, 2] = dx[k]
+        if j + 1 == n:
+            break
+        step = (t[j + 1] - t[j]) / 2.0
+        for _ in range(2):
+            for k in range(K):
+                f = forcing[j, k]
+                torque = f if kind == 0 else 0.0
+                v = f if kind == 1 else 0.0
+                w0 = dw[k]
+                for stage in range(2):  # midpoint rule
+                    di = p[a.KI] * dI[k] - p[a.KP] * w0
+                    if mode[j] == 2:
+                        di = (-p[a.KM] * w0 - v) / R
+                    rate = (p[a.KM] * di - torque) / J
+                    if mode[j] == 0:
+                        rate = 0.0
+                    w0 = dw[k] + (0.5 * step if stage == 0 else step) * rate
+                mean = 0.5 * (dw[k] + w0)
+                dI[k] -= step * mean
+                dx[k] += step * p[a.D] * (mean + (f if kind == 2 else 0.0))
+                dw[k] = w0 if mode[j] != 0 else 0.0
+
+
+def _judge(
+    experiment: Experiment,
+    projector: Projector,
+    columns: Array,
+    equation: str,
+    regressor: str,
+    directed: bool,
+    at: Array,
+    basis: Array,
+    excess: float,
+) -> Smooth:
+    """Gain of a smooth term, in all and predicted for every move from the others."""
+    C = np.array([projector(column) for column in columns])
+    size = np.linalg.norm(C, axis=1)
+    good = size > 1e-9 * max(float(size.max()), 1e-300)
+    C = C[good] / size[good][:, None]
+    H, g = C @ C.T, C @ projector.r
+    ridge = _RIDGE * np.eye(g.size)
+    weights = np.linalg.solve(H + ridge, g)
+    gain = 0.5 * float(g @ weights)
+    held_out = 0.0
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        block = C[:, 3 * rows.start : 3 * rows.stop]
+        Hm, gm = block @ block.T, block @ projector.r[3 * rows.start : 3 * rows.stop]
+        other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
+        held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
+    curve, band = np.zeros(at.size), np.zeros(at.size)
+    curve[good] = weights / size[good]
+    band[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
+    share = held_out / excess if excess > 0.0 else 0.0
+    return Smooth(equation, regressor, directed, gain, held_out, min(max(share, 0.0), 1.0), at, curve, band)
