@@ -1,14 +1,17 @@
-"""The command as a bank takes it, interval by interval: the same numbers for a whole log, its chunks and single samples.
+"""Log and command as a bank takes them, interval by interval: the same for a whole log, its chunks and single samples.
 
 Between two samples the command is the trapezoid of `command.py`, whose corners need one interval of the past. A delay
 looks further back: the knots of that time are kept, nothing else, so that a stream of days needs no more memory.
 """
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.compiled import uncounted
 from observer_fi.models import Model
-from observer_fi.records import Array
+from observer_fi.records import Array, Log
 
 SETTLING = 8  # first samples that tell the sampling interval
 LAST_T, LAST_W, SLOPE, FIRST, COUNT = range(5)  # what a stream remembers besides the knots
@@ -88,6 +91,11 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
         out_w[row] = w_left
 
 
+def usual_step(t: Array) -> float:
+    """Median sampling interval of the first samples [s]: a stream does not know more when it begins."""
+    return float(np.median(np.diff(t[: SETTLING + 1])))
+
+
 class CommandStream:
     """The command of one log, in order: whole, in chunks, or sample by sample from its SETTLING first samples on."""
 
@@ -102,7 +110,7 @@ class CommandStream:
 
     def start(self, t: Array) -> None:
         """Choose the steps of an interval and the room for knots from the first samples of a log."""
-        step = float(np.median(np.diff(t[: SETTLING + 1]))) if t.size > 1 else self.substep_s
+        step = usual_step(t) if t.size > 1 else self.substep_s
         self.substeps = int(np.clip(np.ceil(step / self.substep_s - 1e-6), 1, 8))
         self.knots = np.empty((64 + 4 * int(np.clip(np.ceil(self.delay / step), 0, 10**6)), 2))
 
@@ -117,3 +125,52 @@ class CommandStream:
     def fill(self, t: Array, w_cmd: Array, w: Array, out: Array) -> None:
         """As `intervals`, into arrays that exist."""
         follow(t, w_cmd, self.accel, self.limit, self.delay, self.knots, self.memory, w, out)
+
+
+LARGEST = 1e6  # a reading [V, A, m] or command [rad/s] beyond this is none
+LONGEST_S = 2.5e-3  # step that the integrator takes without missing a ring of the servo (22 Hz, 22 ms)
+MOST_MISSING = 40_000  # samples put into one gap: the last 100 s of it
+
+
+class LogStream:
+    """A log chunk by chunk, with a missing sample wherever its clock has a gap, and NaN for what can be no reading."""
+
+    def __init__(self) -> None:
+        self.t, self.w, self.theta = np.nan, 0.0, 0.0
+        self.longest = 0.0
+
+    def take(self, log: Log) -> tuple[Log, NDArray[np.bool_]]:
+        """The next chunk with gaps filled, n samples, and (n,) which of them are the log's own."""
+        if not self.longest:
+            usual = usual_step(log.t) if log.t.size > 1 else 0.0
+            self.longest = max(LONGEST_S, 3.0 * usual)
+        z = np.where(np.abs(log.z) < LARGEST, log.z, np.nan)
+        w = np.clip(np.nan_to_num(log.w_cmd), -LARGEST, LARGEST)
+        theta = np.clip(_held(log.pitch, self.theta), -180.0, 180.0)
+        before = np.append(self.t if np.isfinite(self.t) else log.t[0], log.t[:-1])
+        pieces = np.ceil((log.t - before) / self.longest - 1e-6).clip(1, MOST_MISSING).astype(np.int64)
+        own = np.ones(log.t.size, dtype=np.bool_)
+        filled = replace(log, z=z, w_cmd=w, pitch=theta)
+        if pieces.max() > 1:
+            filled, own = self._filled(filled, before, pieces)
+        self.t, self.w, self.theta = log.t[-1], w[-1], theta[-1]
+        return filled, own
+
+    def _filled(self, log: Log, before: Array, pieces: NDArray[np.int64]) -> tuple[Log, NDArray[np.bool_]]:
+        rows = np.repeat(np.arange(log.t.size), pieces)  # each sample with the missing ones before it
+        to_go = np.repeat(np.cumsum(pieces), pieces) - 1 - np.arange(rows.size)
+        own = to_go == 0
+        step = np.minimum((log.t - before) / pieces, self.longest)
+        t = log.t[rows] - to_go * step[rows]
+        known = np.append(self.t if np.isfinite(self.t) else log.t[0] - 1.0, log.t)
+        w = np.interp(t, known, np.append(self.w, log.w_cmd))
+        theta = np.interp(t, known, np.append(self.theta, log.pitch))
+        z = np.where(own[:, None], log.z[rows], np.nan)
+        return replace(log, t=t, z=z, w_cmd=w, pitch=theta), own
+
+
+def _held(values: Array, last: float) -> Array:
+    """`values` with the latest finite one, or `last`, in place of what is not finite."""
+    good = np.isfinite(values)
+    at = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
+    return np.where(at >= 0, values[np.maximum(at, 0)], last)
