@@ -15,7 +15,7 @@ from observer_fi.diagnose import diagnose_log, make_bank
 from observer_fi.isolate import Isolator
 from observer_fi.mixture import open_loop
 from observer_fi.models import Rig
-from observer_fi.records import Isolation, Log
+from observer_fi.records import Estimate, Isolation, Log
 from observer_fi.scenario import Scenario, Truth, drawn_scenario, synthesise
 from observer_fi.scores import Case
 from observer_fi.settings import Settings
@@ -66,14 +66,19 @@ def compare(
 
 
 def open_loop_isolation(log: Log, rig: Rig, settings: Settings, detected_s: float) -> Isolation:
-    """The mixture's verdict on a log, for a detection at this time, from the bank's estimate there."""
-    estimate = make_bank(rig, settings).advance(log)
-    first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
-    mixture = open_loop(log, first, estimate.states[first, :3], rig, last=_end_of_move(log, first))
+    """The mixture's verdict on a log, for a detection at this time."""
+    mixture = open_loop_estimate(log, rig, settings, detected_s)
     isolator = Isolator(mixture.modes, settings.decision)
     for _ in isolator.add(mixture):
         pass
     return isolator.result()
+
+
+def open_loop_estimate(log: Log, rig: Rig, settings: Settings, detected_s: float) -> Estimate:
+    """The mixture from a detection to the end of that move, started from the bank's estimate there."""
+    estimate = make_bank(rig, settings).advance(log)
+    first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
+    return open_loop(log, first, estimate.states[first, :3], rig, last=_end_of_move(log, first))
 
 
 def _end_of_move(log: Log, first: int) -> int:

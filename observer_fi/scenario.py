@@ -183,20 +183,21 @@ def _run(t: Array, knots: Array, values: Array, scenario: Scenario, plant: Model
     until = np.append(before, fault.at_s)
     first, states = _readings(until, knots, values, scenario.pitch_deg, plant, start)
     state = states[-1, : len(sim.STATES)]
-    broken = _broken(plant, fault, state, float(np.interp(fault.at_s, knots, values)))
+    commanded = np.append(values[knots > fault.at_s], 0.0)
+    ahead = float(commanded[np.flatnonzero(commanded)[0]]) if commanded.any() else 1.0
+    broken = _broken(plant, fault, state, float(state[sim.W]) or ahead)
     on = np.union1d([fault.at_s], after)  # the fault may fall on a sample
     second = _readings(on, knots, values, scenario.pitch_deg, broken, state)[0]
     return np.vstack((first[:-1], second[on.size - after.size :]))
 
 
-def _broken(plant: Model, fault: Fault, state: Array, w_cmd: float) -> Model:
+def _broken(plant: Model, fault: Fault, state: Array, direction: float) -> Model:
+    """The plant from the fault on; direction: in which it moves, or will be told to."""
     if fault.kind == "coupling_loss":
         return coupling_loss(plant)
     if fault.kind == "overload":
-        forward = (state[sim.W] or w_cmd) >= 0.0
-        return override(
-            plant, "overload", **{"x_stop_high" if forward else "x_stop_low": float(state[sim.X])}
-        )
+        stop = "x_stop_high" if direction > 0.0 else "x_stop_low"
+        return override(plant, "overload", **{stop: float(state[sim.X])})
     name, value = CHANGES[fault.kind]
     return override(plant, fault.kind, **{name: value if fault.size is None else fault.size})
 
