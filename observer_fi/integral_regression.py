@@ -2,14 +2,14 @@
 
 Over a window in which the motor turns one way, equation 1 gives
 
-    w(t) = w(0) + 1/J int (Km i - A s - B theta - b w) dt,         w = (V - Rm i)/Km  (equation 16)
+    w(t) = w(0) + 1/J int (Km i - A s - B theta - b w) dt,         V = Rm i + Km w  (equation 2)
 
-and equation 2 with equation 8 gives int V dt = Rm int i dt + Km/D (x - x(0)). Both are linear in their unknowns with one
-or two free constants per window. Noise stands in the measured speed and position; the integrals hardly feel it. Where
-no voltage is logged the speed is integrated once more, and compared with the position.
+and equation 8 gives int (V - Rm i) dt = Km/D (x - x(0)). Both are linear in their unknowns, with one or two free constants
+per window. Noise stands in the measured voltage and position; the integrals hardly feel it. Where no voltage is
+logged, the speed is integrated once more and compared with the position.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +26,10 @@ SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doub
 SMOOTH_S = 0.02  # over which the speed is averaged to find where the motor turns
 TURNS = 20.0  # rad/s: a motor slower than this stands
 CANNOT_TELL = 0.3
+MAKER = {"Km": 2e-3, "D": 1e-3}  # relative 1-sigma of what the maker states
 PITCH_SPAN = 2.0  # deg
 Z95 = 1.959964
+_MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
     "A": "no steady motion; record moves of a second or longer",
@@ -68,21 +70,14 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and model["Rm"] > 0.0
-    parameters: list[Parameter] = []
-    blocks: list[Array] = []
-    if with_voltage:
-        found, covariance = _electrical(windows, rig)
-        parameters += found
-        blocks.append(covariance)
-    known = {p.name: p.value for p in parameters}
-    mechanics, covariance, sigma, n = _mechanics(windows, rig, known, with_voltage)
-    parameters += mechanics
-    blocks.append(covariance)
+    names, values, covariance, s = _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
+    parameters, covariance = _told(names, values, covariance, rig)
     missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
-    noise = rig.noise["position"] if not with_voltage else _speed_noise(rig)
-    channel = "position_m" if not with_voltage else "speed_rad_s"
+    noise = float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"])) if with_voltage else rig.noise["position"]
+    sigma = s.sigma * (1.0 if with_voltage else model["D"])
+    error = {"speed_rad_s": sigma / model["Km"]} if with_voltage else {"position_m": sigma}
     nll = float(np.log(noise * np.sqrt(2.0 * np.pi)) + 0.5 * (sigma / noise) ** 2)
-    return Fit(tuple(parameters), _correlation(blocks), missing, nll, {channel: sigma}, {"windows": windows, "samples": n})
+    return Fit(parameters, _correlation(covariance), missing, nll, error, {"windows": windows, "samples": s.n})
 
 
 def windows_of(log: Log, model: Model) -> list[Window]:
@@ -122,53 +117,78 @@ def _filled(y: Array) -> Array:
     return np.interp(k, k[~bad], y[~bad]) if bad.any() and not bad.all() else y
 
 
-def _electrical(windows: Sequence[Window], rig: Rig) -> tuple[list[Parameter], Array]:
-    """Rm and Km from int V dt = Rm int i dt + Km/D (x - x0), D the maker's; each window keeps a constant."""
-    model = rig.model
-    rows, y = [], []
-    for w in windows:
-        once = [motor_angle(w.t, w.z[:, 1]), (w.z[:, 2] - w.z[0, 2]) / model["D"]]
-        rows.append(_centred(np.column_stack(once)))
-        y.append(_centred(motor_angle(w.t, w.z[:, 0])[:, None])[:, 0])
-    # x stands with its noise on the right: the equation is solved for x, which is linear as well.
-    G, left = np.concatenate(rows), np.concatenate(y)
-    s = solve(np.column_stack([left, -G[:, 0]]), G[:, 1], len(windows))
-    Km = 1.0 / s.x[0]
-    Rm = s.x[1] * Km
-    to_values = np.array([[-(Km**2), 0.0], [-Rm * Km, Km]])
-    return _told(("Km", "Rm"), np.array([Km, Rm]), to_values @ s.covariance @ to_values.T, rig)
+def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
+    """Names, values, covariance from equations 1 and 2, V = Rm i + V0 + Km/J int (Km i - A s - B theta - b w) dt.
 
-
-def _mechanics(
-    windows: Sequence[Window], rig: Rig, known: dict[str, float], with_voltage: bool
-) -> tuple[list[Parameter], Array, float, int]:
-    """J, A, B, viscous friction and torque offset from equation 1 integrated once (speed) or twice (position)."""
-    model = rig.model
-    Km, Rm = known.get("Km", model["Km"]), known.get("Rm", model["Rm"])
+    Km then follows from equation 8: the integral of V - Rm i is Km/D (x - x0). Maker's data enter as priors.
+    """
     names = _unknowns(windows)
     rows, y = [], []
     for w in windows:
-        speed = (w.z[:, 0] - Rm * w.z[:, 1]) / Km if with_voltage else w.w
-        regressors = {
-            "A": -w.sign * w.t, "B": -motor_angle(w.t, w.pitch), "viscous_positive": -motor_angle(w.t, speed),
-            "torque_offset": -w.t,
-        }  # fmt: skip
-        G = np.column_stack([Km * motor_angle(w.t, w.z[:, 1]), *(regressors[n] for n in names[1:])])
-        target = speed
-        if not with_voltage:
-            G = np.column_stack([motor_angle(w.t, g) for g in G.T])
-            target = (w.z[:, 2] - w.z[0, 2]) / model["D"]
-        free = (np.ones(w.t.size),) if with_voltage else (np.ones(w.t.size), w.t)
-        rows.append(_without(G, np.column_stack(free)))
-        y.append(_without(target[:, None], np.column_stack(free))[:, 0])
-    s = solve(np.concatenate(rows), np.concatenate(y), len(windows) * (1 if with_voltage else 2))
-    J = 1.0 / s.x[0]
-    to_values = np.eye(s.x.size) * J
-    to_values[:, 0] = -s.x * J**2
-    to_values[0, 0] = -(J**2)
-    values = np.concatenate(([J], s.x[1:] * J))
-    parameters, covariance = _told(names, values, to_values @ s.covariance @ to_values.T, rig)
-    return parameters, covariance, s.sigma * (1.0 if with_voltage else model["D"]), s.n
+        G = np.column_stack([w.z[:, 1], motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        rows.append(_without(G, np.ones((w.t.size, 1))))
+        y.append(_without(w.z[:, :1], np.ones((w.t.size, 1)))[:, 0])
+    s = solve(rows, y, len(windows))
+    Km_std = _torque_constant(windows, rig, float(s.x[0]))[1]
+
+    def values(coefficients: Array) -> Array:
+        Rm, Km = coefficients[0], _torque_constant(windows, rig, float(coefficients[0]))[0] + coefficients[-1]
+        return np.concatenate(([Rm, Km, Km**2 / coefficients[1]], coefficients[2:-1] * Km / coefficients[1]))
+
+    at = np.append(s.x, 0.0)
+    covariance = np.zeros((at.size, at.size))
+    covariance[:-1, :-1] = s.covariance
+    covariance[-1, -1] = Km_std**2
+    slope = _slopes(values, at, np.sqrt(np.diag(covariance)))
+    return ("Rm", "Km", *names), values(at), slope @ covariance @ slope.T, s
+
+
+def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:
+    """Jacobian by central differences of one standard error."""
+    moved = [np.diag(step)[k] for k in range(at.size)]
+    return np.column_stack([(function(at + m) - function(at - m)) / (2.0 * h) for m, h in zip(moved, step, strict=True)])
+
+
+def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[float, float]:
+    """Km and its standard error from int (V - Rm i) dt = Km/D (x - x0), mixed with the maker's Km and D."""
+    model = rig.model
+    rows = [_without(motor_angle(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1))) for w in windows]
+    y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
+    s = solve(rows, y, len(windows))
+    Km = 1.0 / float(s.x[0])
+    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, MAKER["D"] * Km))
+    maker = MAKER["Km"] * model["Km"]
+    weight = maker**2 / (std**2 + maker**2)
+    return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
+
+
+def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
+    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's."""
+    model = rig.model
+    names = _unknowns(windows)
+    rows, y = [], []
+    for w in windows:
+        once = np.column_stack([model["Km"] * motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        G = np.column_stack([motor_angle(w.t, g) for g in once.T])
+        free = np.column_stack([np.ones(w.t.size), w.t])
+        rows.append(_without(G, free))
+        y.append(_without(w.z[:, 2:] / model["D"], free)[:, 0])
+    s = solve(rows, y, 2 * len(windows))
+    values = np.concatenate(([1.0], s.x[1:])) / s.x[0]
+    slope = np.eye(s.x.size) / s.x[0]
+    slope[:, 0] = -values / s.x[0]
+    return names, values, slope @ s.covariance @ slope.T, s
+
+
+def _loads(w: Window, names: Sequence[str]) -> list[Array]:
+    """Integrals of what the loads multiply, with their sign in equation 1."""
+    columns = {
+        "A": -w.sign * w.t,
+        "B": -motor_angle(w.t, w.pitch),
+        "viscous_positive": -motor_angle(w.t, w.w),
+        "torque_offset": -w.t,
+    }
+    return [columns[n] for n in names]
 
 
 def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
@@ -185,24 +205,31 @@ def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _centred(G: Array) -> Array:
-    return G - G.mean(axis=0)
-
-
 def _without(G: Array, free: Array) -> Array:
     """Columns with the free constants of their window projected out."""
     q, _ = np.linalg.qr(free)
     return G - q @ (q.T @ G)
 
 
-def solve(G: Array, y: Array, constants: int) -> Solution:
-    """Least squares with standard errors that grow with the residual's correlation. G (n, k), constants already out."""
-    scale = np.maximum(np.linalg.norm(G, axis=0), 1e-300)
-    inverse = np.linalg.pinv((G / scale).T @ (G / scale), rcond=1e-12)
-    x = inverse @ ((G / scale).T @ y)
-    r = y - G / scale @ x
-    variance = float(r @ r) / max(y.size - x.size - constants, 1)
-    return Solution(x / scale, inverse * variance * _time(r) / np.outer(scale, scale), float(np.sqrt(variance)), y.size)
+def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
+    """Least squares over windows. G: (n, k) each, constants already out; constants: how many there were.
+
+    Standard errors from the scatter between windows, since integrated noise is alike within one; from the residual's
+    autocorrelation where windows are too few for that.
+    """
+    stacked, target = np.concatenate(G), np.concatenate(y)
+    scale = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    inverse = np.linalg.pinv((stacked / scale).T @ (stacked / scale), rcond=1e-12)
+    x = inverse @ ((stacked / scale).T @ target)
+    r = target - stacked / scale @ x
+    variance = float(r @ r) / max(target.size - x.size - constants, 1)
+    covariance = inverse * variance * _time(r)
+    if len(G) >= _MANY * x.size:
+        pulls = np.array([(g / scale).T @ (t - g / scale @ x) for g, t in zip(G, y, strict=True)])
+        between = inverse @ (pulls.T @ pulls) @ inverse * len(G) / (len(G) - x.size)
+        wider = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+        covariance = covariance * np.outer(wider, wider)
+    return Solution(x / scale, covariance / np.outer(scale, scale), float(np.sqrt(variance)), target.size)
 
 
 def _time(r: Array) -> float:
@@ -215,32 +242,21 @@ def _time(r: Array) -> float:
     return float(1.0 + 2.0 * rho[1 : int(below[0]) if below.size else rho.size].sum())
 
 
-def _told(names: Sequence[str], values: Array, covariance: Array, rig: Rig) -> tuple[list[Parameter], Array]:
+def _told(names: Sequence[str], values: Array, covariance: Array, rig: Rig) -> tuple[tuple[Parameter, ...], Array]:
     """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     small = ("torque_offset", "viscous_positive")
     keep = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
-    found = [
+    found = tuple(
         Parameter(
             names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
             float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
         )
         for k in keep
-    ]  # fmt: skip
+    )  # fmt: skip
     return found, covariance[np.ix_(keep, keep)]
 
 
-def _speed_noise(rig: Rig) -> float:
-    """Standard deviation of one sample of the speed of equation 16 [rad/s]."""
-    return float(np.hypot(rig.noise["voltage"], rig.model["Rm"] * rig.noise["current"]) / rig.model["Km"])
-
-
-def _correlation(blocks: Sequence[Array]) -> Array:
-    """Correlation matrix of independent blocks of parameters."""
-    k = sum(b.shape[0] for b in blocks)
-    out, at = np.zeros((k, k)), 0
-    for b in blocks:
-        d = np.sqrt(np.maximum(np.diag(b), 1e-300))
-        out[at : at + d.size, at : at + d.size] = b / np.outer(d, d)
-        at += d.size
-    return out
+def _correlation(covariance: Array) -> Array:
+    d = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return covariance / np.outer(d, d)

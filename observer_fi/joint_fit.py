@@ -29,9 +29,10 @@ _DONE = 0.01  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
 _NUISANCE = np.array([1e-4, 1e-6])  # A, m: steps of the two free numbers of a move
 _STILL = 30.0  # rad/s: below this a stop is left out
+_PIECES = 4  # of a sampling interval in a transient, of two integration steps each
 _GAP = 1.5  # sampling intervals: a move with a longer one is left out
 Z95 = 1.959964
-_QUADRATIC = 0.1  # share by which a profile may differ from the parabola before it is followed
+_QUADRATIC = 0.3  # share by which a profile may differ from the parabola before it is followed
 
 
 class Part(NamedTuple):
@@ -83,7 +84,7 @@ def part_of(log: Log, rig: Rig, index: int, breaks: Breaks) -> Part | None:
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
     if breaks.stop_high is None and breaks.stop_low is None:
         silent |= {"C", "E"}
-    return Part(_trimmed(experiment, ends), index, breaks.loss is not None, frozenset(silent))
+    return Part(_refined(_trimmed(experiment, ends)), index, breaks.loss is not None, frozenset(silent))
 
 
 def _has_gap(log: Log, move: Segment) -> bool:
@@ -128,6 +129,31 @@ def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
         start=experiment.start + experiment.moving,
         moving=np.zeros_like(experiment.moving),
+    )
+
+
+def _refined(experiment: Experiment) -> Experiment:
+    """The experiment with rows of no weight between the samples of a transient.
+
+    Saturation begins and ends inside a step, which costs a step's error there: without these rows the likelihood has
+    corners as high as a nat, and errors of a standard error.
+    """
+    last = np.zeros(experiment.t.size, dtype=bool)
+    last[experiment.bounds[1:] - 1] = True
+    count = np.where(experiment.fine & ~last, _PIECES, 1)
+    origin = np.repeat(np.arange(experiment.t.size), count)
+    first = np.cumsum(count) - count
+    share = (np.arange(origin.size) - first[origin]) / count[origin]
+    dt = np.append(np.diff(experiment.t), 0.0)
+    sample = share == 0.0
+    return replace(
+        experiment,
+        t=experiment.t[origin] + share * dt[origin],
+        theta=experiment.theta[origin],
+        z=np.where(sample[:, None], experiment.z[origin], 0.0),
+        weight=np.where(sample[:, None], experiment.weight[origin], 0.0),
+        fine=experiment.fine[origin],
+        bounds=np.append(first, origin.size)[np.append(experiment.bounds[:-1], experiment.t.size)],
     )
 
 
@@ -359,7 +385,7 @@ def _inverse(H: Array, free: Sequence[Free]) -> Array:
 
 
 def profile_interval(parts: Sequence[Part], fitted: JointFit, name: str) -> tuple[float, float]:
-    """95 % interval of one parameter: of the parabola, or of the profile likelihood where that differs by 10 %."""
+    """95 % interval of one parameter: of the parabola, or of the profile likelihood where that differs by 30 %."""
     value, std = fitted.values[name], fitted.std[name]
     return _crossing(parts, fitted, name, value, -Z95 * std), _crossing(parts, fitted, name, value, Z95 * std)
 

@@ -19,14 +19,21 @@ GAIN = 40.0  # nats that a bend must win over a straight line
 TRAVEL_SIGMAS = 6.0  # of one position sample that the motor must turn on after a bend
 
 
+RELEASE = 1.5e-4  # m of D phi before a mass that leaves a stop is free: play and sensor lag bend the first 0.1 mm
+
+
 class Bend(NamedTuple):
-    """One move's bend: row of the log, position there [m], dx over D dphi before and after, direction of motion."""
+    """One move's bend: row of the log, position there [m], dx over D dphi before and after, direction of motion.
+
+    travel: D phi from the start to the bend [m].
+    """
 
     row: int
     x: float
     before: float
     after: float
     sign: float
+    travel: float
 
 
 class Breaks(NamedTuple):
@@ -55,9 +62,8 @@ def motor_angle(t: Array, w: Array) -> Array:
 def find_breaks(log: Log, moves: Sequence[Segment], model: Model, position_std: float) -> Breaks:
     """Stops and the coupling loss of a log; moves as cut from its command."""
     bends = [b for b in (_bend(log, move, model, position_std) for move in moves) if b is not None]
-    loss = next((b.row for b in bends if b.after < FROZEN and b.before > FROZEN), None)
-    if loss is None and bends and bends[0].before < FROZEN:
-        loss = bends[0].row
+    last = max((k for k, b in enumerate(bends) if b.after > FROZEN), default=-1)  # what follows stands for good
+    loss = bends[last + 1].row if last + 1 < len(bends) else None
     pressed = [b for b in bends if loss is None or b.row < loss]
     sides = {side: [b.x for b in pressed if _side(b) == side] for side in (1.0, -1.0)}
     high, low = (float(np.median(sides[s])) if sides[s] else None for s in (1.0, -1.0))
@@ -68,7 +74,7 @@ def _side(bend: Bend) -> float:
     """The stop that a bend shows: 1 high, -1 low, 0 none. Motion into it slows the mass, motion out of it frees it."""
     if bend.before > FOLLOWS and FROZEN < bend.after < FOLLOWS:
         return bend.sign
-    if bend.after > FOLLOWS and FROZEN < bend.before < FOLLOWS:
+    if bend.after > FOLLOWS and FROZEN < bend.before < FOLLOWS and bend.travel > RELEASE:
         return -bend.sign
     return 0.0
 
@@ -91,9 +97,9 @@ def _bend(log: Log, move: Segment, model: Model, std: float) -> Bend | None:
     straight, slope = _line(u, y)
     cost, k, before, after = _hinge(u, y, TRAVEL_SIGMAS * std)
     if not 0.5 * (straight - cost) * block / std**2 > GAIN or abs(after - before) < 1.0 - FOLLOWS:
-        return Bend(move.start, float(x[good][0]), slope, slope, sign)
+        return Bend(move.start, float(x[good][0]), slope, slope, sign, 0.0)
     row = move.start + int(np.flatnonzero(good)[min(k * block, int(good.sum()) - 1)])
-    return Bend(row, float(y[k]), before, after, sign)
+    return Bend(row, float(y[k]), before, after, sign, float(abs(u[k])))
 
 
 def _line(u: Array, y: Array) -> tuple[float, float]:
