@@ -1,7 +1,8 @@
 """Estimates to verdicts: one decision rule for the bank and for the open-loop mixture.
 
 A verdict belongs to a move (an event): what a stop and a rest say cannot overturn it, except that they can show a sensor
-to be dead. Everything is causal and works on chunks, so that an hour and a stream end in the same verdict.
+to be dead. Everything is causal and works on chunks of any length, one sample included, so that a log, an hour in chunks
+and a stream end in the same verdict.
 """
 
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.feed import usual_step
 from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 
@@ -68,6 +70,8 @@ class EventTracker:
         self.doubted = np.nan
         self.final: Array | None = None
         self.ratios = np.empty(0)
+        self.winner = -1
+        self.unsettled = np.zeros(SETTLING - 1, dtype=np.bool_)
         self.misfits: dict[int, float] = {}
         self.strained: set[int] = set()
         self.rest_nis = np.zeros(len(modes))
@@ -79,10 +83,12 @@ class EventTracker:
         if not e.t.size:
             return
         self.end_s = float(e.t[-1])
-        moving = np.flatnonzero(e.active)
-        if moving.size:
-            self._add_motion(_rows(e, slice(int(moving[0]), int(moving[-1]) + 1)), window)
-        self._add_rest(e, int(moving[-1]) + 1 if moving.size else 0)
+        if e.active.all():
+            self._add_motion(e, window)
+            return
+        if e.active.any():
+            self._add_motion(_rows(e, e.active), window)
+        self._add_rest(e.nis[~e.active])
 
     def _add_motion(self, e: Estimate, window: int) -> None:
         p = e.probability
@@ -93,8 +99,9 @@ class EventTracker:
         )
         self._misfit(e, p, window)
         nominal = p[:, 0] >= 0.5
-        for j in range(p.shape[1]):
-            self._runs(j, e.t, p[:, j] > self.settings.isolated, nominal)
+        certain = p > self.settings.isolated
+        for j in {*self.certain, *np.flatnonzero(certain.any(axis=0)).tolist()}:
+            self._runs(j, e.t, certain[:, j], nominal)
         sure = np.flatnonzero(nominal)
         if sure.size:
             after = sure[-1] + 1
@@ -105,18 +112,15 @@ class EventTracker:
 
     def _runs(self, j: int, t: Array, sure: Mask, nominal: Mask) -> None:
         """Update since when hypothesis j is certain; a long run that ends stays on record."""
-        unsure = np.flatnonzero(~sure)
-        if unsure.size == 0:
-            self.certain.setdefault(j, Run(float(t[0]), self._doubted_before(0, t, nominal)))
-            return
-        edges = np.concatenate(([-1], unsure, [t.size]))
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
-            if a >= 0:
-                self._close(j, float(t[a]))
-            if b - a > 1:
-                first = int(a) + 1
-                if a >= 0 or j not in self.certain:
-                    self.certain[j] = Run(float(t[first]), self._doubted_before(first, t, nominal))
+        if not sure[0]:
+            self._close(j, float(t[0]))
+        elif j not in self.certain:
+            self.certain[j] = Run(float(t[0]), self._doubted_before(0, t, nominal))
+        for k in (np.flatnonzero(np.diff(sure)) + 1).tolist():
+            if sure[k]:
+                self.certain[j] = Run(float(t[k]), self._doubted_before(k, t, nominal))
+            else:
+                self._close(j, float(t[k]))
 
     def _close(self, j: int, now: float) -> None:
         run = self.certain.pop(j, None)
@@ -139,19 +143,23 @@ class EventTracker:
         nis = e.nis[np.arange(e.t.size), winner]
         measured = np.isfinite(e.normalised).sum(axis=1)
         ratio = np.where(measured > 0, nis / np.maximum(measured, 1), 1.0)
-        changed = np.concatenate(([True], np.diff(winner) != 0)) | (p.max(axis=1) <= self.settings.isolated)
-        settling = np.convolve(changed, np.ones(SETTLING), "full")[: e.t.size] > 0
+        changed = np.diff(winner, prepend=self.winner) != 0
+        changed |= p.max(axis=1) <= self.settings.isolated
+        changed = np.concatenate((self.unsettled, changed))
+        settling = np.convolve(changed, np.ones(SETTLING), "valid") > 0
         joined = np.concatenate((self.ratios, np.where(settling, 1.0, ratio)))
         if joined.size >= window:
             mean = np.convolve(joined, np.ones(window) / window, "valid")
-            for k in np.flatnonzero(mean > self.settings.nis_limit):
-                at = min(max(0, k + window - 1 - self.ratios.size), e.t.size - 1)
-                self.misfits.setdefault(int(winner[at]), float(e.t[at]))
+            over = np.flatnonzero(mean > self.settings.nis_limit) + window - 1 - self.ratios.size
+            wrong, first = np.unique(winner[over], return_index=True)
+            for j, k in zip(wrong.tolist(), over[first].tolist(), strict=True):
+                self.misfits.setdefault(j, float(e.t[k]))
+        self.winner, self.unsettled = int(winner[-1]), changed[1 - SETTLING :]
         self.ratios = joined[-(window - 1) :]
 
-    def _add_rest(self, e: Estimate, first: int) -> None:
+    def _add_rest(self, nis: Array) -> None:
         """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""
-        nis = np.minimum(np.nan_to_num(e.nis[first:]), 10.0 * self.dof)
+        nis = np.minimum(np.nan_to_num(nis), 10.0 * self.dof)
         self.rest_nis += nis.sum(axis=0)
         self.rest_samples += nis.shape[0]
 
@@ -217,7 +225,7 @@ class EventTracker:
         )  # fmt: skip
 
 
-def _rows(e: Estimate, rows: slice) -> Estimate:
+def _rows(e: Estimate, rows: slice | Mask) -> Estimate:
     return Estimate(
         e.t[rows], e.modes, e.probability[rows], e.nis[rows], e.predicted[rows], e.normalised[rows], e.states[rows],
         e.active[rows], e.density[rows] if e.density.size else e.density, e.strain[rows] if e.strain.size else e.strain,
@@ -233,21 +241,17 @@ class Isolator:
         self.current: EventTracker | None = None
         self.events: list[Event] = []
         self.fit = Whiteness()
-        self.was_active = False
+        self.was_active = self.stopped = False
         self.window = 0
 
     def add(self, e: Estimate) -> Iterator[EventTracker]:
         """Take the next samples; yields the tracker of the current move after each piece of a move."""
         if not self.window and e.t.size > 1:
-            self.window = max(2, round(self.settings.window_s / float(np.median(np.diff(e.t)))))
+            self.window = max(2, round(self.settings.window_s / usual_step(e.t)))
         e = tested(e, self.settings)
         self.fit.add(e)
-        starts = np.flatnonzero(e.active & ~np.concatenate(([self.was_active], e.active[:-1])))
-        starts = np.array(
-            [s for k, s in enumerate(starts) if self._new_move(e, int(s), int(starts[k - 1]) if k else -1)],
-            dtype=int,
-        )
-        edges = [0, *starts.tolist(), e.t.size]
+        starts = self._new_moves(e)
+        edges = [0, *starts, e.t.size]
         for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if k > 0:
                 self._finish()
@@ -255,13 +259,22 @@ class Isolator:
             if self.current is not None and b > a:
                 self.current.add(_rows(e, slice(a, b)), self.window)
                 yield self.current
-        self.was_active = bool(e.active[-1]) if e.t.size else self.was_active
 
-    def _new_move(self, e: Estimate, start: int, earlier: int) -> bool:
-        """A pause in the evidence that is no stop (a slower command, a sample without one) does not end a move."""
-        since = max(earlier, 0)
-        stopped = bool((e.states[since:start, 3] == 0.0).any())
-        return stopped or self.current is None
+    def _new_moves(self, e: Estimate) -> list[int]:
+        """Samples at which a move begins. A pause in the evidence that is no stop (a slower command) ends none."""
+        if not e.t.size:
+            return []
+        still = np.flatnonzero(e.states[:, 3] == 0.0)
+        begins: list[int] = []
+        last = 0
+        for k in np.flatnonzero(e.active & ~np.append(self.was_active, e.active[:-1])).tolist():
+            self.stopped |= bool(np.searchsorted(still, k) > np.searchsorted(still, last))
+            if self.stopped or (self.current is None and not begins):
+                begins.append(k)
+            self.stopped, last = False, k
+        self.stopped |= bool(still.size and still[-1] >= last)
+        self.was_active = bool(e.active[-1])
+        return begins
 
     def _finish(self) -> None:
         if self.current is not None:
@@ -301,6 +314,7 @@ class Whiteness:
         self.samples = 0
         self.products = np.zeros((self.LAGS + 1, len(CHANNELS)))
         self.counts = np.zeros(len(CHANNELS))
+        self.last = np.empty((0, len(CHANNELS)))
 
     def add(self, e: Estimate) -> None:
         """Take the next samples."""
@@ -315,8 +329,11 @@ class Whiteness:
         good &= (np.abs(speed - command) < self.STEADY * np.abs(command))[:, None]
         u = np.clip(np.where(good, v, 0.0), -5.0, 5.0)
         self.counts += good.sum(axis=0)
-        for lag in range(min(self.LAGS + 1, u.shape[0])):
-            self.products[lag] += (u[lag:] * u[: u.shape[0] - lag]).sum(axis=0)
+        old, joined = self.last.shape[0], np.concatenate((self.last, u))
+        for lag in range(min(self.LAGS + 1, joined.shape[0])):
+            first = max(old, lag)
+            self.products[lag] += (joined[first:] * joined[first - lag : joined.shape[0] - lag]).sum(axis=0)
+        self.last = joined[-self.LAGS :]
 
     def result(self) -> Consistency:
         """Ljung-Box (1978) over 10 lags: the smallest of the channels' p-values times their number (Bonferroni)."""
