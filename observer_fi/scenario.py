@@ -41,6 +41,7 @@ SIZES = {  # by channel: what makes a sensor fault plain without being absurd
     "sensor_gain": (0.1, 0.25, 0.25),
     "sensor_noise": (0.2, 6e-3, 2e-4),
 }
+MOST_SAMPLES = 1e8
 _LEAST = 0.2  # of a value: a spread never turns a sign
 
 
@@ -132,10 +133,18 @@ def _check(scenario: Scenario) -> None:
         )
     if fault.channel is not None and fault.channel not in CHANNELS:
         raise unknown_name(fault.channel, CHANNELS, "channel")
-    if scenario.seconds * scenario.rate_hz < 2:
-        raise UsageError(f"a log of {scenario.seconds} s at {scenario.rate_hz} samples/s has no two samples")
+    if not 2.0 <= scenario.seconds * scenario.rate_hz <= MOST_SAMPLES or not scenario.rate_hz > 0.0:
+        raise UsageError(
+            f"a log of {scenario.seconds} s at {scenario.rate_hz} samples/s: 2 to {MOST_SAMPLES:.0e} "
+            f"samples, please"
+        )
     if fault.kind != "none" and not 0.0 <= fault.at_s <= scenario.seconds:
         raise UsageError(f"the fault at {fault.at_s} s is outside the log of {scenario.seconds} s")
+    values = (scenario.pitch_deg, fault.size or 0.0, *(number for move in scenario.moves for number in move))
+    if not np.isfinite(values).all() or not 0.0 <= scenario.noise < np.inf:
+        raise UsageError(
+            "moves, pitch, noise and the size of a fault must be finite numbers, noise not negative"
+        )
 
 
 def _drawn(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
