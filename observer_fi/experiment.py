@@ -30,6 +30,7 @@ _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log beg
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
+_FEWEST = 100  # settled samples for an estimate of the noise
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
 
@@ -106,13 +107,19 @@ def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
     for log in logs:
         settled = _since(log.t, np.diff(log.w_cmd, append=log.w_cmd[-1]) != 0.0)[1:-1] > _SETTLED_S
         second = np.abs(np.diff(log.z, 2, axis=0))[settled]
-        if second.shape[0] > 100:
-            usual = second < 5.9 * np.nanmedian(second, axis=0)  # four standard deviations
-            estimates.append(np.sqrt(np.nanmean(np.where(usual, second**2, np.nan), axis=0) / 6.0))
-    if not estimates:
-        return rig.noise_std
-    found = np.median(estimates, axis=0)
+        estimates.append([_white_std(second[:, c]) for c in range(3)])
+    rms = np.array(estimates)
+    found = np.array([np.median(y[np.isfinite(y)]) if np.isfinite(y).any() else np.nan for y in rms.T])
     return np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * rig.noise_std), rig.noise_std)
+
+
+def _white_std(second: Array) -> float:
+    """Standard deviation of white noise from the sizes of its second differences, without outliers."""
+    y = second[np.isfinite(second)]
+    if y.size < _FEWEST:
+        return math.nan
+    usual = y <= 5.9 * np.median(y)  # four standard deviations
+    return float(np.sqrt(np.mean(y[usual] ** 2) / 6.0))
 
 
 def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:

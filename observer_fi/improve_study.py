@@ -1,0 +1,218 @@
+"""Truth against `improve`: one row a case, and the table of `reports/improve.md`."""
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from observer_fi.effects import CAUSES
+from observer_fi.improve import Improvement, improve
+from observer_fi.models import load_rig
+from observer_fi.records import Log
+
+PAIRS = (
+    ("viscous_friction", "backlash"),
+    ("screw_ripple", "load_dependent_friction"),
+    ("winding_heating", "position_lag"),
+    ("current_lag", "torque_offset"),
+    ("brush_drop", "stribeck_friction"),
+    ("supply_sag", "position_dependent_friction"),
+    ("shaft_ripple", "current_offset"),
+    ("input_delay", "voltage_offset"),
+)
+
+# truth's parameter -> (parameter of the model, model value from the truth's, phase and rig)
+_SIZES: dict[str, tuple[str, str]] = {
+    "viscous_friction": ("plus", "viscous_positive"),
+    "stribeck_friction": ("rise", "stribeck_torque"),
+    "load_dependent_friction": ("ratio", "load_friction"),
+    "position_dependent_friction": ("gradient", "friction_slope"),
+    "gravity_nonlinearity": ("cubic", "gravity_cubic"),
+    "torque_offset": ("offset", "torque_offset"),
+    "winding_heating": ("rise", "heating_gain"),
+    "brush_drop": ("drop", "brush_drop"),
+    "supply_sag": ("resistance", "sag_resistance"),
+    "current_lag": ("lag", "current_lag"),
+    "input_delay": ("delay", "input_delay"),
+    "integrator_clamp": ("limit", "integrator_limit"),
+    "acceleration_limit": ("limit", "accel_limit"),
+    "backlash": ("width", "backlash"),
+    "partial_slip": ("slip", "slip_per_torque"),
+    "contact_exponent": ("exponent", "contact_exponent"),
+    "position_lag": ("lag", "position_lag"),
+    "position_delay": ("delay", "position_delay"),
+    "current_offset": ("offset", "current_offset"),
+    "voltage_delay": ("delay", "voltage_delay"),
+    "voltage_offset": ("offset", "voltage_offset"),
+}
+_GAINS = {"position_gain": "position_gain", "current_gain": "current_gain"}
+_RIPPLES = {
+    "shaft_ripple": "shaft_ripple",
+    "screw_ripple": "screw_ripple",
+    "position_periodic_error": "position",
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is hidden: causes, size in units of the detectable one, seed, and whether the vocabulary has them."""
+
+    causes: tuple[str, ...]
+    size: float
+    seed: int
+    inside: bool
+
+
+def run_case(case: Case, frame: Any, truth: dict[str, Any]) -> dict[str, Any]:
+    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors."""
+    log = Log(
+        f"case-{case.seed}",
+        frame["time_s"].to_numpy(),
+        frame[["voltage_v", "current_a", "position_m"]].to_numpy(),
+        frame["speed_cmd_rad_s"].to_numpy(),
+        frame["pitch_deg"].to_numpy(),
+    )
+    began = time.perf_counter()
+    record = improve([log], load_rig())
+    sets = [[f.cause, *f.indistinguishable_from] for f in record.findings]
+    smooth = [[u.equation, u.regressor] for u in record.unexplained]
+    row: dict[str, Any] = {
+        "causes": list(case.causes),
+        "size": case.size,
+        "seed": case.seed,
+        "inside": case.inside,
+        "found": sets,
+        "unexplained": smooth,
+        "seconds": time.perf_counter() - began,
+        "errors": _errors(record, truth),
+        "gain_share": _gain_share(record),
+    }
+    if not case.inside:
+        effect = truth["effects"][0]
+        row["right"] = not sets and any(
+            e in effect["equations"] and r in effect["regressors"] for e, r in smooth[:1]
+        )
+    return row
+
+
+def _gain_share(record: Improvement) -> float | None:
+    """Gain on held-out moves over what a model with nothing but noise left would gain."""
+    if not record.findings:
+        return None
+    floor = float(np.mean((record.experiment.weight > 0.0).sum(axis=1))) * 0.5
+    noise = np.log(record.experiment.noise * math.sqrt(2.0 * math.pi))
+    best = floor + float((record.experiment.weight > 0.0).mean(axis=0) @ noise)
+    possible = record.baseline.nll_per_sample - best
+    return (
+        (record.baseline.nll_per_sample - record.extended.nll_per_sample) / possible
+        if possible > 0.0
+        else None
+    )
+
+
+def _errors(record: Improvement, truth: dict[str, Any]) -> dict[str, float]:
+    """(estimate - truth) in standard errors, for every found cause with a size to compare."""
+    found = {f.cause: {n: (v.value, v.std) for n, v in f.parameters.items()} for f in record.findings}
+    errors = {}
+    for effect in truth["effects"]:
+        name = effect["cause"]
+        values = {n: p["value"] for n, p in effect["parameters"].items()}
+        if name not in found:
+            continue
+        if name in _SIZES:
+            there, here = _SIZES[name]
+            value, std = found[name].get(here, (math.nan, math.nan))
+            error = value - values[there]
+        elif name in _GAINS:
+            value, std = found[name][_GAINS[name]]
+            error = value - 1.0 - values["gain"]
+        elif name in _RIPPLES:
+            stem = _RIPPLES[name]
+            sin, cos = found[name][f"{stem}_sin"], found[name][f"{stem}_cos"]
+            error = math.hypot(sin[0], cos[0]) - values["amplitude"]
+            std = max(sin[1], cos[1])
+        else:
+            continue
+        if std > 0.0 and math.isfinite(error):
+            errors[name] = error / std
+    return errors
+
+
+def _first(row: dict[str, Any]) -> bool:
+    """The hidden cause is the first finding, or in its declared set."""
+    return bool(row["found"]) and row["causes"][0] in row["found"][0]
+
+
+def _named_first(row: dict[str, Any]) -> bool:
+    return bool(row["found"]) and row["causes"][0] == row["found"][0][0]
+
+
+def _all_found(row: dict[str, Any]) -> bool:
+    return all(any(cause in names for names in row["found"]) for cause in row["causes"])
+
+
+def _extra(row: dict[str, Any]) -> bool:
+    return any(not set(names) & set(row["causes"]) for names in row["found"])
+
+
+def summary(rows: list[dict[str, Any]]) -> str:
+    """The table of `reports/improve.md`."""
+    single = [r for r in rows if r["inside"] and len(r["causes"]) == 1]
+    lines = [
+        "# What `improve` finds",
+        "",
+        "Made by `pipelines/improve_study.py` from an independent truth.",
+        "",
+    ]
+    lines += ["| hidden | cases | first, or in the first's declared set | first by name | found at all | set size |"
+              " with another finding |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for size in sorted({r["size"] for r in single}):
+        these = [r for r in single if r["size"] == size]
+        sets = [len(r["found"][0]) for r in these if _first(r)]
+        lines.append(
+            f"| {size:g} x detectable | {len(these)} | {_share(these, _first)} | {_share(these, _named_first)} |"
+            f" {_share(these, _all_found)} | {np.mean(sets) if sets else 0:.2f} | {_share(these, _extra)} |"
+        )
+    lines += ["", "| | cases | share |", "|---|---|---|"]
+    controls = [r for r in rows if not r["causes"]]
+    pairs = [r for r in rows if len(r["causes"]) == 2]
+    lines.append(
+        f"| controls without a finding | {len(controls)} | {_share(controls, lambda r: not r['found'])} |"
+    )
+    lines.append(f"| pairs, both found | {len(pairs)} | {_share(pairs, _all_found)} |")
+    for size in sorted({r["size"] for r in rows if not r["inside"]}):
+        these = [r for r in rows if not r["inside"] and r["size"] == size]
+        share = _share(these, lambda r: bool(r["right"]))
+        lines.append(
+            f"| outside the vocabulary at {size:g} x: right equation and regressor, no name | {len(these)} | {share} |"
+        )
+    errors = [abs(e) for r in rows for e in r["errors"].values()]
+    within = f"{np.mean(np.array(errors) < 3.0):.1%}" if errors else "-"
+    lines.append(f"| sizes within three standard errors | {len(errors)} | {within} |")
+    gains = [r["gain_share"] for r in single if r["gain_share"] is not None]
+    lines.append(f"| held-out gain over what noise allows, median | {len(gains)} | {_median(gains)} |")
+    lines.append(f"| seconds per log, median | {len(rows)} | {_median([r['seconds'] for r in rows])} |")
+    lines += [
+        "",
+        "## By cause",
+        "",
+        "| cause | " + " | ".join(f"{s:g} x" for s in sorted({r["size"] for r in single})) + " |",
+    ]
+    lines.append("|---|" + "---|" * len({r["size"] for r in single}))
+    for cause in CAUSES:
+        cells = [_share([r for r in single if r["causes"] == [cause] and r["size"] == s], _first)
+                 for s in sorted({r["size"] for r in single})]  # fmt: skip
+        lines.append(f"| {cause} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _share(rows: list[dict[str, Any]], good: Callable[[dict[str, Any]], bool]) -> str:
+    return f"{sum(good(r) for r in rows) / len(rows):.0%}" if rows else "-"
+
+
+def _median(values: Iterable[float]) -> str:
+    numbers = list(values)
+    return f"{np.median(numbers):.3g}" if numbers else "-"

@@ -1,0 +1,125 @@
+"""Output-error fits: recovery, masks, priors, and the shortcut that leaves moves out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer_fi.command import corners
+from observer_fi.experiment import cut_moves, prepare, select, simulate
+from observer_fi.fitting import Free, fit, fit_logs, simulate_log, without_moves
+from observer_fi.models import Rig, load_rig, with_values
+from observer_fi.records import Log
+from observer_fi.trapezoid import quarters
+
+RIG = load_rig()
+NOISE = np.array([1e-2, 3e-4, 1e-5])
+
+
+def campaign(
+    rig: Rig = RIG, seed: int = 1, speeds=(410.0, 200.0), pitches=(0.0, 8.0), hold: float = 0.8
+) -> Log:
+    """Moves there and back, simulated by the package itself, with white noise."""
+    knots, values, pitch_knots, pitch = [0.0], [0.0], [], []
+    at = 0.2
+    for theta in pitches:
+        for speed in speeds:
+            pitch_knots.append(at - 0.1)
+            pitch.append(theta)
+            for signed in (speed, -speed):
+                ramp = abs(signed) / 6e4
+                knots += [at, at + ramp, at + hold, at + hold + ramp]
+                values += [0.0, signed, signed, 0.0]
+                at += hold + 0.3
+    t = np.arange(int(at * 1600)) / 1600.0
+    w_cmd = np.interp(t, knots, values)
+    theta = np.array(pitch)[np.maximum(np.searchsorted(pitch_knots, t, side="right") - 1, 0)]
+    log = Log("made", t, np.zeros((t.size, 3)), w_cmd, theta)
+    experiment = prepare([log], rig)
+    z = np.zeros((t.size, 3))
+    y = simulate(experiment, rig.model, np.zeros((experiment.moves, 2)))
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        z[experiment.start[m] : experiment.start[m] + rows.stop - rows.start] = y[rows]
+    return replace(log, z=z + np.random.default_rng(seed).normal(size=z.shape) * NOISE)
+
+
+def parameters(*names: str, relative: float = 0.5) -> list[Free]:
+    return [Free(n, 1e-3 * RIG.model[n], 0.0, np.inf, RIG.model[n], relative * RIG.model[n]) for n in names]
+
+
+NAMES = ("Vmax", "Kp", "Ki", "J", "A", "B", "Rs")
+
+
+def test_parameters_come_back_within_their_standard_errors():
+    truth = {"J": 5e-7, "A": 4.2e-4, "B": 2.5e-5, "Kp": 1.05e-3, "Ki": 0.46, "Vmax": 15.3, "Rs": 0.6}
+    result = fit_logs([campaign(with_values(RIG, truth))], RIG, parameters(*NAMES))
+    assert result.converged
+    assert np.mean(result.residuals[result.residuals != 0.0] ** 2) == pytest.approx(1.0, abs=0.05)
+    for name, value in truth.items():
+        assert abs(result.values[name] - value) < 5.0 * result.std[name]
+        assert result.std[name] < 0.05 * value
+
+
+def test_missing_samples_are_left_out():
+    log = campaign()
+    z = log.z.copy()
+    z[::7, 0], z[3::11, 2] = np.nan, np.nan
+    z[2000:2100] = np.nan
+    experiment = prepare([replace(log, z=z)], RIG)
+    result = fit(experiment, RIG.model, parameters("J", "A"))
+    assert np.isfinite(result.objective)
+    assert (result.residuals[experiment.weight == 0.0] == 0.0).all()
+    assert abs(result.values["J"] - RIG.model["J"]) < 5.0 * result.std["J"]
+
+
+def test_a_parameter_that_the_log_cannot_see_keeps_its_prior():
+    result = fit_logs([campaign(pitches=(0.0,))], RIG, parameters("A", "B", relative=0.1))
+    assert result.values["B"] == pytest.approx(RIG.model["B"], rel=1e-3)
+    assert result.std["B"] == pytest.approx(0.1 * RIG.model["B"], rel=0.2)
+
+
+def test_leaving_a_move_out_by_one_step_is_the_fit_without_it():
+    experiment = prepare([campaign()], RIG)
+    free = parameters(*NAMES)
+    whole = fit(experiment, RIG.model, free)
+    short = fit(select(experiment, [0, 1, 2, 4, 5, 6, 7]), RIG.model, free)
+    guess = without_moves(whole, [3])
+    for name in NAMES:
+        assert abs(guess[name] - short.values[name]) < 0.2 * whole.std[name]
+
+
+def test_simulated_log_has_the_readings_of_the_moves():
+    log = campaign()
+    t, y = simulate_log(log, RIG, RIG.model)
+    assert y.shape == (t.size, 3)
+    assert np.interp(0.6, t, y[:, 1]) == pytest.approx(RIG.model["A"] / RIG.model["Km"], rel=0.05)
+
+
+def test_moves_are_cut_at_the_command():
+    moves = cut_moves(campaign())
+    assert [m.peak for m in moves] == [410.0, -410.0, 200.0, -200.0] * 2
+    assert [m.pitch for m in moves] == [0.0] * 4 + [8.0] * 4
+
+
+@pytest.mark.parametrize("delay", [0.0, 3.7e-4])
+def test_quarters_hold_the_integral_of_the_command(delay):
+    t = np.arange(400) / 1600.0
+    w_cmd = np.interp(
+        t, [0.0, 0.05, 0.05 + 410.0 / 6e4, 0.2, 0.2 + 410.0 / 6e4, 0.25], [0, 0, 410.0, 410.0, 0, 0]
+    )
+    knots, values = corners(t, w_cmd, 6e4)
+    q = quarters(t, knots, values, delay)
+    dt = 1.0 / 1600.0
+    simpson = dt / 12.0 * (q[:-1, 0] + 4.0 * q[:-1, 1] + 2.0 * q[:-1, 2] + 4.0 * q[:-1, 3] + q[1:, 0])
+    fine = np.linspace(0.0, t[-1], 400_001)
+    exact = np.trapezoid(np.interp(fine - delay, knots, values), fine)
+    assert simpson.sum() == pytest.approx(exact, rel=1e-7)
+
+
+def test_an_acceleration_limit_makes_the_ramp_longer():
+    t = np.arange(400) / 1600.0
+    knots, values = np.array([0.0, 0.05, 0.0568333, 0.25]), np.array([0.0, 0.0, 410.0, 410.0])
+    q = quarters(t, knots, values, accel=3e4)
+    reached = t[np.argmax(q[:, 0] >= 409.9)]
+    assert reached == pytest.approx(0.05 + 410.0 / 3e4, abs=1.0 / 1600.0)

@@ -1,0 +1,76 @@
+"""`improve` on logs whose plant is the package's own: findings, none where there is none, and the contract's keys."""
+
+import json
+
+import numpy as np
+import pytest
+from test_fitting import campaign
+
+from observer_fi.errors import UsageError
+from observer_fi.improve import Improvement, improve, to_json, whiteness
+from observer_fi.models import load_rig, with_values
+
+RIG = load_rig()
+
+
+@pytest.fixture(scope="module")
+def control() -> Improvement:
+    return improve([campaign(with_values(RIG, {"A": 4.2e-4, "J": 4.9e-7}), seed=3)], RIG)
+
+
+@pytest.fixture(scope="module")
+def sticky() -> Improvement:
+    """A plant with viscous friction that the rig file lacks."""
+    plant = with_values(RIG, {"viscous_positive": 1e-7, "viscous_negative": 1e-7})
+    return improve([campaign(plant, seed=4)], RIG)
+
+
+def test_a_parameter_that_only_moved_is_no_finding(control):
+    assert control.findings == ()
+    assert control.unexplained == ()
+    assert control.refit["A"].value == pytest.approx(4.2e-4, rel=0.01)
+    assert control.refit["A"].prior == RIG.model["A"]
+
+
+def test_the_hidden_friction_is_named_with_its_size(sticky):
+    assert [f.cause for f in sticky.findings] == ["viscous_friction"]
+    for value in sticky.findings[0].parameters.values():
+        assert abs(value.value - 1e-7) < 5.0 * value.std
+    assert sticky.findings[0].heldout_nll_drop_per_sample > 0.0
+    assert sticky.extended.nll_per_sample < sticky.baseline.nll_per_sample
+
+
+def test_the_extended_rig_carries_what_was_found(sticky):
+    model = sticky.extended_rig.model
+    assert model["viscous_positive"] == pytest.approx(1e-7, rel=0.1)
+    assert "viscous_positive" in model.effects
+
+
+def test_json_has_the_keys_of_the_contract(sticky):
+    table = json.loads(json.dumps(to_json(sticky)))
+    assert list(table) == ["schema", "baseline", "refit", "findings", "unexplained", "extended"]
+    assert table["schema"] == "observer-fi/improve/1"
+    assert set(table["baseline"]["rmse"]) == {"current_a", "position_m", "speed_rad_s"}
+    finding = table["findings"][0]
+    assert set(finding) == {
+        "cause", "equation", "parameters", "evidence", "gain", "indistinguishable_from", "separate_by",
+    }  # fmt: skip
+    assert set(finding["gain"]) == {"heldout_nll_drop_per_sample", "heldout_rmse_ratio"}
+
+
+def test_every_cause_says_what_could_have_been_seen(control):
+    assert control.detectable["contact_exponent"] is None
+    assert 0.0 < control.detectable["viscous_friction"]["viscous_positive"] < 1e-7
+
+
+def test_whiteness_tells_white_from_coloured():
+    noise = np.random.default_rng(5).normal(size=5000)
+    assert whiteness(noise) > 1e-3
+    assert whiteness(np.convolve(noise, np.ones(5))) < 1e-6
+
+
+def test_other_drives_are_refused():
+    from dataclasses import replace
+
+    with pytest.raises(UsageError, match="pi_servo"):
+        improve([campaign()], replace(RIG, drive="force"))
