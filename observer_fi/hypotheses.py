@@ -75,7 +75,8 @@ class BankArrays(NamedTuple):
     source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
     variance per second; rates (m, m) per second; noise (3,) variance of the channels;
     own (m, n) constants that the nominal hypothesis does not have;
-    alike (m, m) whether two hypotheses have the same states.
+    alike (m, m) whether two hypotheses have the same states;
+    moves (m,) whether a state behind w, I, x enters the mass's speed.
     """
 
     size: np.ndarray
@@ -90,6 +91,7 @@ class BankArrays(NamedTuple):
     noise: Array
     own: np.ndarray
     alike: np.ndarray
+    moves: np.ndarray
 
 
 def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings) -> BankArrays:
@@ -118,6 +120,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         rig.noise_std**2,
         own_constants(hypotheses, n),
         np.array([[a.states == b.states for b in hypotheses] for a in hypotheses]),
+        np.array([not {"E", "rate"}.isdisjoint(h.states) for h in hypotheses]),
     )
 
 

@@ -13,15 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi import transition as tr
+from observer_fi import unscented
 from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream
+from observer_fi.gaps import LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
+from observer_fi.unscented import UnscentedWork
 
-REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
+REST_VARIANCE = tr.REST_VARIANCE
+START_ROWS, START_READINGS = 64, 5  # samples looked at for the first readings of a channel, and how many count
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
+UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed
+SKIPPED_S = 0.1  # of a gap in the clock that LogStream did not fill, this much is integrated
+_LOG_UNREACHED = math.log(UNREACHED)
 
 
 class BankState(NamedTuple):
@@ -53,9 +60,11 @@ class Tuning(NamedTuple):
     failed: Array
     glitch: float
     glitch_samples: float
+    unscented: bool
+    longest: float
 
 
-def tuning(settings: BankSettings) -> Tuning:
+def tuning(settings: BankSettings, unscented: bool = False) -> Tuning:
     """The loop's numbers from the settings."""
     failed = np.array(
         [settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale]
@@ -68,6 +77,8 @@ def tuning(settings: BankSettings) -> Tuning:
         failed,
         settings.glitch_sigma,
         float(settings.glitch_samples),
+        unscented,
+        SKIPPED_S,
     )
 
 
@@ -92,7 +103,7 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
         for k in range(3, b.size[j]):
             x[j, k], P[j, k, k] = b.entry_mean[j, k], b.entry_var[j, k]
         slow[j, tr.LAGGED] = z[1]
-    log_mu = np.log(np.array([1.0] + [1e-9] * (m - 1)))
+    log_mu = np.log(np.array([1.0 - 1e-9 * (m - 1)] + [1e-9] * (m - 1)))
     bias = np.zeros((m, 2))
     for j in range(m):
         if b.failed[j] >= 0:
@@ -189,29 +200,48 @@ def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, 
     w_before = x[j, 0]
     resting = tr.propagate(j, x, b.layout, slow, t, interval, row, last, theta, p)
     tr.transition(j, b.layout, g, t, resting, F)
-    rows = 4 if at_d >= 0 else 3
-    for r in range(rows):
-        for k in range(n):
-            T[r, k] = 0.0
-        for q in range(n):
-            f = F[r, q]
-            if f != 0.0:
-                for k in range(n):
-                    T[r, k] += f * P[j, q, k]
-    for r in range(rows):
-        to = r if r < 3 else at_d
-        for k in range(3, n):
-            P[j, to, k] = T[r, k]
-            P[j, k, to] = T[r, k]
-    for r in range(rows):
-        to = r if r < 3 else at_d
-        for s in range(r + 1):
-            total = 0.0
-            for q in range(n):
-                total += T[r, q] * F[s, q]
-            onto = s if s < 3 else at_d
-            P[j, to, onto] = total
-            P[j, onto, to] = total
+    f00, f01, f02 = F[0, 0], F[0, 1], F[0, 2]
+    f10, f11, f20, f21 = F[1, 0], F[1, 1], F[2, 0], F[2, 1]
+    for k in range(n):
+        p0, p1, p2 = P[j, 0, k], P[j, 1, k], P[j, 2, k]
+        t0, t2 = f00 * p0 + f01 * p1 + f02 * p2, f20 * p0 + f21 * p1 + p2
+        for q in range(3, n):
+            t0 += F[0, q] * P[j, q, k]
+        if b.moves[j]:
+            for q in range(3, n):
+                t2 += F[2, q] * P[j, q, k]
+        T[0, k], T[1, k], T[2, k] = t0, f10 * p0 + f11 * p1, t2
+        if at_d >= 0:  # d moves with x
+            T[3, k] = P[j, at_d, k] + t2 - p2
+    for r in range(3):
+        t0, t1, t2 = T[r, 0], T[r, 1], T[r, 2]
+        p0 = f00 * t0 + f01 * t1 + f02 * t2
+        for q in range(3, n):
+            p0 += F[0, q] * T[r, q]
+            P[j, r, q] = T[r, q]
+            P[j, q, r] = T[r, q]
+        P[j, r, 0] = p0
+        P[j, 0, r] = p0
+        if r > 0:
+            P[j, r, 1] = f10 * t0 + f11 * t1
+            P[j, 1, r] = P[j, r, 1]
+    x_var = f20 * T[2, 0] + f21 * T[2, 1] + T[2, 2]
+    for q in range(3, n):
+        x_var += F[2, q] * T[2, q]
+    if at_d >= 0:
+        d_var = T[3, at_d] + f20 * T[3, 0] + f21 * T[3, 1]
+        for q in range(3, n):
+            d_var += F[2, q] * T[3, q]
+        p0 = f00 * T[3, 0] + f01 * T[3, 1] + f02 * T[3, 2]
+        for q in range(3, n):
+            p0 += F[0, q] * T[3, q]
+        p1, p2 = f10 * T[3, 0] + f11 * T[3, 1], d_var - T[3, at_d] + T[3, 2]
+        for q in range(3, n):
+            P[j, at_d, q] = T[3, q]
+            P[j, q, at_d] = T[3, q]
+        P[j, at_d, 0], P[j, at_d, 1], P[j, at_d, 2], P[j, at_d, at_d] = p0, p1, p2, d_var
+        P[j, 0, at_d], P[j, 1, at_d], P[j, 2, at_d] = p0, p1, p2
+    P[j, 2, 2] = x_var
     for k in range(n):
         P[j, k, k] += b.diffusion[j, k] * t
     change = agility * (x[j, 0] - w_before)
@@ -221,21 +251,8 @@ def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, 
 
 
 @inlined
-def _gate(j, S, e, c, glitches, tune):
-    """Whether a reading is taken for a glitch: far off, and not for long. Counts in glitches (m, 3)."""
-    far = e * e > tune.glitch * tune.glitch * S
-    if not far:
-        glitches[j, c] = 0.0
-        return False
-    if glitches[j, c] < tune.glitch_samples:
-        glitches[j, c] += 1.0
-        return True
-    return False
-
-
-@inlined
 def _update(
-    j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, work
+    j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, spread, work
 ):
     """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
 
@@ -267,7 +284,7 @@ def _update(
         if hv != 0.0:
             e -= hv * (x[j, at_v] - work[0, at_v])
             for k in range(n):
-                work[1, k] += P[j, k, at_v] * hv
+                work[1, k] += hv * (P[j, k, at_v] if k >= at_v else P[j, at_v, k])
         change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
         S = (
             b.noise[c]
@@ -277,21 +294,25 @@ def _update(
             + h2 * work[1, 2]
             + (hv * work[1, at_v] if hv != 0.0 else 0.0)
         )
-        seen[j, c] = e / math.sqrt(S)
+        per_S = 1.0 / S
+        seen[j, c], spread[j, c] = e, S
         product *= S
         log_density -= tr.LOG_2PI
-        if _gate(j, S, e, c, glitches, tune):
+        if tr.glitch(j, S, e, c, glitches, tune.glitch, tune.glitch_samples):
             nis += tune.glitch * tune.glitch
             continue
-        nis += e * e / S
+        nis += e * e * per_S
         for k in range(n):
-            gain = work[1, k] / S
+            gain = work[1, k] * per_S
             x[j, k] += gain * e
             for q in range(k + 1):
                 P[j, k, q] -= gain * work[1, q]
-        for k in range(n):
-            for q in range(k):
+        for k in range(1, n):
+            for q in range(min(k, 3)):
                 P[j, q, k] = P[j, k, q]
+    for k in range(4, n):
+        for q in range(3, k):
+            P[j, q, k] = P[j, k, q]
     log_density = 0.5 * (log_density - nis - math.log(product))
     if failed >= 0 and z[row, failed] == z[row, failed]:
         h0, h1, h2 = H[failed, 0], H[failed, 1], H[failed, 2]
@@ -334,10 +355,10 @@ def _posterior(log_mu, log_c, log_density, mu):
     for j in range(m):
         mu[j] = math.exp(log_mu[j] - top)
         total += mu[j]
-    shift = top + math.log(total)
+    shift = math.log(total)
     for j in range(m):
-        mu[j] /= total
-        log_mu[j] -= shift
+        mu[j] = max(mu[j] / total, UNREACHED)
+        log_mu[j] = max(log_mu[j] - top - shift, _LOG_UNREACHED)
 
 
 @inlined
@@ -354,8 +375,8 @@ class Scratch(NamedTuple):
     """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
 
     to_x (m, n), to_P (m, n, n), to_bias (m, 2): the other side of mixing; M (m, m); p (VECTOR_SIZE,); mu, log_density,
-    log_c (m,); y, seen (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
-    square (2, m, m).
+    log_c (m,); y, seen, spread (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
+    square (2, m, m); unscented: see there; mixed (1,): the time step that M belongs to, which outlasts a call.
     """
 
     to_x: Array
@@ -368,12 +389,15 @@ class Scratch(NamedTuple):
     log_c: Array
     y: Array
     seen: Array
+    spread: Array
     g: Array
     F: Array
     T: Array
     H: Array
     work: Array
     square: Array
+    unscented: UnscentedWork
+    mixed: Array
 
 
 def scratch(b: BankArrays) -> Scratch:
@@ -383,9 +407,16 @@ def scratch(b: BankArrays) -> Scratch:
     g[1, 0] = -1.0
     return Scratch(
         np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)), np.eye(m), b.parameters[0].copy(), np.zeros(m), np.zeros(m),
-        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),
-        np.zeros((2, m, m)),
+        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),
+        np.zeros((2, m, m)), unscented.work_arrays(m, n), np.full(1, -1.0),
     )  # fmt: skip
+
+
+@inlined
+def _start_anew(j, b, state):
+    tr.start_anew(j, b.layout[j, tr.SIZE], state.x, state.P, state.slow, b.entry_mean, b.entry_var, state.z[2])
+    state.bias[j, 0] = 0.0
+    state.bias[j, 1] = b.noise[b.failed[j]] if b.failed[j] >= 0 else 0.0
 
 
 @inlined
@@ -427,19 +458,25 @@ def run(
     out_density (n, m) log-densities, out_strain (n, m) see `_strain`.
     """
     m, n = state.x.shape
-    mixed_dt, before = -1.0, state.t[0]
+    before = state.t[0]
     entry, creep = tune.bias_entry * tune.bias_entry, tune.bias_diffusion * tune.bias_diffusion
+    total = 0.0
     for j in range(m):
         scr.mu[j] = math.exp(state.log_mu[j])
+        total += scr.mu[j]
+    for j in range(m):
+        scr.mu[j] /= total
     for k in range(t.size):
         dt = t[k] - before
         first = dt != dt
+        if dt > tune.longest:
+            dt = tune.longest
         before = t[k]
         mixing = active[k] and not first
         if mixing:
-            if abs(dt - mixed_dt) > 1e-9 * dt:
+            if abs(dt - scr.mixed[0]) > 1e-9 * dt:
                 tr.mode_transition(b.rates, dt, scr.M, scr.square)
-                mixed_dt = dt
+                scr.mixed[0] = dt
             _mix(
                 b,
                 entry,
@@ -456,29 +493,34 @@ def run(
             _copy_back(b, state, scr)
         for j in range(m):
             if not first:
-                _predict(
-                    j,
-                    b,
-                    scr.p,
-                    state.x,
-                    state.P,
-                    state.slow,
-                    dt,
-                    interval,
-                    k,
-                    w_cmd[k],
-                    theta[k],
-                    tune.agility,
-                    scr.g,
-                    scr.F,
-                    scr.T,
-                )
+                if tune.unscented:
+                    unscented.predict(
+                        j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.unscented
+                    )
+                else:
+                    _predict(
+                        j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.g, scr.F, scr.T
+                    )
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
-            scr.log_density[j], out_nis[k, j] = _update(
-                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
-                w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.work,
-            )  # fmt: skip
+            lost = tr.lost(j, b.layout[j, tr.SIZE], state.x, state.P)
+            if lost:
+                _start_anew(j, b, state)
+            if tune.unscented:
+                scr.log_density[j], out_nis[k, j] = unscented.update(
+                    j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                    w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.unscented,
+                )  # fmt: skip
+            else:
+                scr.log_density[j], out_nis[k, j] = _update(
+                    j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                    w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
+                )  # fmt: skip
+            if not (scr.log_density[j] > tr.LOST):
+                _start_anew(j, b, state)
+                lost = True
+            if lost:
+                scr.log_density[j] = tr.LOST
         if mixing:
             _posterior(state.log_mu, scr.log_c, scr.log_density, scr.mu)
         best = 0
@@ -492,7 +534,7 @@ def run(
                 out_y[k, j, c] = scr.y[j, c]
                 state.predicted[j, c] = scr.y[j, c]
         for c in range(3):
-            out_seen[k, c] = scr.seen[best, c]
+            out_seen[k, c] = scr.seen[best, c] / math.sqrt(scr.spread[best, c])
             out_states[k, c] = state.x[best, c]
             if z[k, c] == z[k, c]:
                 state.z[c] = z[k, c]
@@ -500,25 +542,36 @@ def run(
     state.t[0] = before
 
 
+FILTER_KINDS = ("ekf", "ukf")
+
+
 class Bank:
     """A bank and what it remembers: `advance` takes a log, or the next chunk of one, and returns its Estimate."""
 
     def __init__(
-        self, rig: Rig, settings: BankSettings, hypotheses: tuple[Hypothesis, ...] | None = None
+        self,
+        rig: Rig,
+        settings: BankSettings,
+        hypotheses: tuple[Hypothesis, ...] | None = None,
+        filter_kind: str = "ekf",
     ) -> None:
+        if filter_kind not in FILTER_KINDS:
+            raise ValueError(f"filter_kind must be one of {', '.join(FILTER_KINDS)}, got {filter_kind!r}")
         self.rig = rig
         self.settings = settings
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
         self.arrays = arrays(self.hypotheses, rig, settings)
-        self.tuning = tuning(settings)
+        self.tuning = tuning(settings, unscented=filter_kind == "ukf")
         self.scratch = scratch(self.arrays)
         self.state: BankState | None = None
         self.recent: Recent | None = None
         self.snapshots: deque[tuple[float, BankState]] = deque()
+        self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
 
     def advance(self, log: Log) -> Estimate:
         """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
+        log, own = self.samples.take(log)
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         if self.state is None:
             self.state = start(self.hypotheses, self.arrays, first_readings(log.z), w_cmd[0])
@@ -536,9 +589,8 @@ class Bank:
                 active[b], mu[b], nis[b], y[b], seen[b], states[b], density[b], strain[b],
             )  # fmt: skip
         self._forget()
-        return Estimate(
-            log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain
-        )
+        names = tuple(h.name for h in self.hypotheses)
+        return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
 
     def _nominal(self, state: BankState) -> BankState:
         """A copy of what the first hypothesis remembers."""
@@ -587,10 +639,13 @@ def under_way(interval: Array, w_cmd: Array) -> NDArray[np.bool_]:
 
 
 def first_readings(z: Array) -> Array:
-    """(3,) first finite reading of each channel, NaN where there is none; the median of the first few damps noise."""
+    """(3,) first finite reading of each channel, NaN where there is none; the median of the first few damps noise.
+
+    Only START_ROWS samples are looked at: a stream that begins cannot wait for more.
+    """
     first = np.full(3, np.nan)
     for c in range(3):
-        good = z[np.isfinite(z[:, c]), c][:5]
+        good = z[:START_ROWS][np.isfinite(z[:START_ROWS, c]), c][:START_READINGS]
         if good.size:
             first[c] = np.median(good)
     return first

@@ -21,10 +21,12 @@ from scipy.linalg import expm
 
 from observer_fi import transition as tr
 from observer_fi.feed import CommandStream
+from observer_fi.gaps import LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.kernels import (
     NEGLIGIBLE,
     REST_VARIANCE,
+    SKIPPED_S,
     UNREACHED,
     Tuning,
     first_readings,
@@ -94,13 +96,28 @@ class Observer:
         filterpy's update(None) keeps the last likelihood, which a bank then counts again: here it is a density of 1.
         """
         z = np.full(3, np.nan) if z is None else np.asarray(z, dtype=float)
+        lost = tr.lost(0, self.n, self.x[None], self.P[None])
+        if lost:
+            self._start_anew()
         y, S = self._predicted_readings()
         accepted = self._weigh(z, y, S)
         self.log_density += self._density_of_failed(z, y, S, accepted)
         if accepted:
             self._correct(z, y, accepted)
+        if not self.log_density > tr.LOST:
+            self._start_anew()
+            lost = True
+        if lost:
+            self.log_density = tr.LOST
         self.predicted = y
         self.previous = np.where(np.isnan(z), self.previous, z)
+
+    def _start_anew(self) -> None:
+        """As a hypothesis begins again whose numbers would soon be no numbers."""
+        x, P = self.x[None].copy(), self.P[None].copy()
+        tr.start_anew(0, self.n, x, P, self.slow, self.b.entry_mean, self.b.entry_var, self.previous[2])
+        self.x, self.P = x[0], P[0]
+        self.bias[0] = 0.0, self.b.noise[self.failed] if self.failed >= 0 else 0.0
 
     def _advance(self, u: Step) -> None:
         raise NotImplementedError
@@ -394,11 +411,13 @@ class FilterpyBank:
         self.arrays = arrays(self.hypotheses, rig, settings)
         self.filters: list[Observer] = [kinds[filter_kind](h, rig, settings) for h in self.hypotheses]
         self.imm: LogIMM | None = None
+        self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
         self.t = np.nan
 
     def advance(self, log: Log) -> Estimate:
         """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
+        log, own = self.samples.take(log)
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         imm = self._begin(log, w_cmd[0]) if self.imm is None else self.imm
         active = under_way(interval, w_cmd)
@@ -406,7 +425,8 @@ class FilterpyBank:
         mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
         seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
         for k in range(n):
-            imm.predict(Step(log.t[k] - self.t, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
+            dt = min(log.t[k] - self.t, SKIPPED_S) if np.isfinite(self.t) else np.nan
+            imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
             imm.update(log.z[k])
             self.t = log.t[k]
             mu[k] = imm.mu
@@ -416,9 +436,8 @@ class FilterpyBank:
             y[k] = [f.predicted for f in self.filters]
             best = self.filters[int(np.argmax(imm.mu))]
             seen[k], states[k] = best.seen, (*best.x[:3], w_cmd[k])
-        return Estimate(
-            log.t, tuple(h.name for h in self.hypotheses), mu, nis, y, seen, states, active, density, strain
-        )
+        names = tuple(h.name for h in self.hypotheses)
+        return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
 
     def _begin(self, log: Log, command0: float) -> LogIMM:
         first = start(self.hypotheses, self.arrays, first_readings(log.z), command0)

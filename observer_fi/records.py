@@ -3,7 +3,7 @@
 Arrays are float64, SI units, on the log's own clock; n is the number of samples.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,6 +98,13 @@ class Estimate:
     active: NDArray[np.bool_]
     density: Array = field(default_factory=lambda: np.empty((0, 0)))
     strain: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def at(self, chosen: NDArray[np.bool_]) -> "Estimate":
+        """The samples that `chosen` (n,) marks."""
+        if chosen.all():
+            return self
+        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name != "modes"}
+        return replace(self, **arrays)
 
 
 class Event(NamedTuple):

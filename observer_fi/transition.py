@@ -436,3 +436,32 @@ def factor(j, P, n, L):
                 L[q, k] = 0.0
             else:
                 L[k, k] = math.sqrt(max(total, FLAT * P[j, k, k], 1e-300))
+
+
+LOST = -1e12  # log-density of a sample after which a hypothesis had to start anew, and the least of any
+FARTHEST, WIDEST = 1e9, 1e12  # state and variance, SI units, that no actuator reaches
+
+
+@inlined
+def lost(j, n, x, P):
+    """Whether state j is beyond what any reading can have meant: numbers that would soon be no numbers."""
+    far, wide, narrow = 0.0, 0.0, 0.0
+    for k in range(n):
+        far += abs(x[j, k])
+        wide += abs(P[j, k, k])
+        narrow = min(narrow, P[j, k, k])
+    return not (far < FARTHEST and wide < WIDEST and narrow > -1.0)
+
+
+@inlined
+def start_anew(j, n, x, P, slow, mean, var, position):
+    """State j at rest at `position` [m], everything else at the entry prior mean, var (m, n); rows j in place."""
+    for k in range(n):
+        for q in range(n):
+            P[j, k, q] = 0.0
+        x[j, k] = mean[j, k]
+        P[j, k, k] = var[j, k]
+    if position == position:
+        x[j, 2] = position
+    for k in range(SLOW):
+        slow[j, k] = 0.0
