@@ -342,7 +342,7 @@ def _compare(args: argparse.Namespace) -> int:
 COMMANDS: dict[str, Command] = {
     "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
     "compare": Command(
-        "observer bank against open-loop mixture over a Monte Carlo of faults", _compare_arguments, _compare
+        "observer bank against open-loop mixture on many faults", _compare_arguments, _compare
     ),
     "simulate": Command(
         "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate
