@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from observer_fi import transition as tr
 from observer_fi import unscented
 from observer_fi.compiled import inlined, uncounted
-from observer_fi.feed import CommandStream
-from observer_fi.gaps import LogStream
+from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log

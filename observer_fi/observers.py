@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from observer_fi import transition as tr
-from observer_fi.feed import CommandStream
-from observer_fi.gaps import LogStream
+from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.kernels import (
     NEGLIGIBLE,
