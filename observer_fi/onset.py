@@ -99,13 +99,18 @@ def find_onset(
     best = max(scores, key=lambda k: scores[k])
     near = [k for k in range(max(0, best - 2 * STRIDE), min(n, best + 2 * STRIDE + 1)) if k not in scores]
     scores |= {k: score(k) for k in near}
-    return _posterior(window.t, scores)
+    return _posterior(window.t, scores, during=fault.failed < 0)
 
 
-def _posterior(t: Array, scores: dict[int, float]) -> Onset:
-    """Median and 95 % interval of the onset from the log-likelihoods at some samples, each standing for its cell."""
+def _posterior(t: Array, scores: dict[int, float], during: bool) -> Onset:
+    """Median and 95 % interval of the onset from the log-likelihoods at some samples, each standing for its cell.
+
+    during: a fault of the plant, which the score of a sample has at work since the sample before; a failed sensor spoils
+    the sample itself and began somewhere between the two.
+    """
     k = np.array(sorted(scores))
-    middle = 0.5 * (t[np.maximum(k - 1, 0)] + t[k])  # the fault begins between two samples
+    before = t[np.maximum(k - 1, 0)]
+    middle = before if during else 0.5 * (before + t[k])
     edges = np.concatenate(([middle[0]], 0.5 * (middle[1:] + middle[:-1]), [middle[-1]]))
     width = np.maximum(np.diff(edges), 1e-12)
     value = np.array([scores[i] for i in k])
