@@ -338,6 +338,31 @@ def _compare(args: argparse.Namespace) -> int:
     return OK
 
 
+# --- watch ---
+
+
+def _watch_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--follow", type=Path, metavar="FILE", help="a growing file (standard input)")
+    parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the columns")
+    parser.add_argument(
+        "--every", type=int, default=0, metavar="N", help="the posterior of every Nth sample too"
+    )
+    parser.add_argument(
+        "--heartbeat", type=float, default=0.0, metavar="S", help="a line every S seconds, changed or not"
+    )
+    add_rig(parser)
+    add_engine(parser)
+    parser.add_argument("--json", action="store_true", help="JSON lines, which is what it always writes")
+    parser.add_argument("--quiet", action="store_true", help="no notes about restarts")
+    parser.add_argument("--fail-on-fault", action="store_true", help="exit with 3 if a move had a fault")
+
+
+def _watch(args: argparse.Namespace) -> int:
+    from observer_fi import watch
+
+    return watch.run(args, _complain)
+
+
 # A command is a row here: its help, its arguments, its function. Both import what they need inside.
 COMMANDS: dict[str, Command] = {
     "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
@@ -347,4 +372,5 @@ COMMANDS: dict[str, Command] = {
     "simulate": Command(
         "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate
     ),
+    "watch": Command("follow a live stream of samples", _watch_arguments, _watch),
 }
