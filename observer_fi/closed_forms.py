@@ -64,7 +64,12 @@ def saturated_starts(log: Log, moves: Sequence[Segment], model: Model) -> list[S
             found.append(Start(move.start + first + 1, move.start + last - 1, move))
     if not found:
         return []
-    heights = np.array([np.nanmean(np.abs(log.z[s.first : s.last, 0] + model["Rs"] * log.z[s.first : s.last, 1])) for s in found])
+    heights = np.array(
+        [
+            np.nanmean(np.abs(log.z[s.first : s.last, 0] + model["Rs"] * log.z[s.first : s.last, 1]))
+            for s in found
+        ]
+    )
     return [s for s, h in zip(found, heights, strict=True) if h > 0.98 * heights.max()]
 
 
@@ -89,16 +94,22 @@ def source(log: Log, starts: Sequence[Start]) -> Step | None:
         return None
     x, covariance = regression(np.column_stack([np.ones(V.size), -i]), V)
     return Step(
-        "15", {"Vmax": float(x[0]), "Rs": float(x[1])}, _errors(("Vmax", "Rs"), covariance), {"current": i, "voltage": V}
+        "15",
+        {"Vmax": float(x[0]), "Rs": float(x[1])},
+        _errors(("Vmax", "Rs"), covariance),
+        {"current": i, "voltage": V},
     )
 
 
-def friction(log: Log, moves: Sequence[Segment], model: Model, names: tuple[str, str] = ("A", "B")) -> Step | None:
+def friction(
+    log: Log, moves: Sequence[Segment], model: Model, names: tuple[str, str] = ("A", "B")
+) -> Step | None:
     """Equation 7 in steady state: Km i = sgn(w) A + B theta, one mean torque per move. Both, or A where pitch is one.
 
     names: what to call the two; ("A_decoupled", "") for decoupled moves, whose pitch is not felt (equation 13).
     """
-    rows = [(m, slice(a, b)) for m in moves if (b := m.stop - round(0.02 * log.rate_hz)) - (a := _steady_from(log, m, model)) > 20]
+    spans = [(m, slice(_steady_from(log, m, model), m.stop - round(0.02 * log.rate_hz))) for m in moves]
+    rows = [(m, r) for m, r in spans if r.stop - r.start > 20]
     if not rows:
         return None
     current = np.array([np.nanmean(log.z[r, 1]) for _, r in rows])
@@ -113,14 +124,15 @@ def friction(log: Log, moves: Sequence[Segment], model: Model, names: tuple[str,
     x, covariance = regression(weight[:, None] * G, weight * (torque - known))
     used = names if both else names[:1]
     values = {n: float(v) for n, v in zip(used, x, strict=True)}
-    return Step("7" if names[1] else "13", values, _errors(used, covariance), {"pitch": pitch, "torque": torque, "direction": sign})
+    arrays = {"pitch": pitch, "torque": torque, "direction": sign}
+    return Step("7" if names[1] else "13", values, _errors(used, covariance), arrays)
 
 
 def _steady_from(log: Log, move: Segment, model: Model) -> int:
     return move.start + round((0.06 + settling_time(model)) * log.rate_hz)
 
 
-def inertia(log: Log, starts: Sequence[Start], model: Model, name: str = "J", torque_sign: float = 1.0) -> Step | None:
+def inertia(log: Log, starts: Sequence[Start], model: Model, name: str = "J") -> Step | None:
     """Equation 17: J = tau Km^2 / R from w(t) = w(ts) + (1/tau) int (w0 - w) dt over the saturated phase.
 
     The asymptote w0 = (Vmax - R torque/Km)/Km is that of the saturated phase; ts is where saturation begins.
@@ -156,7 +168,9 @@ def gains(log: Log, moves: Sequence[Segment], starts: Sequence[Start], model: Mo
     rates, errors, arrays = [], [], {}
     for move in moves:
         after = [s.last + 2 for s in starts if s.move is move]
-        first = after[0] if after else move.start + round(abs(move.peak) / model["accel_cmd"] * log.rate_hz) + 2
+        first = (
+            after[0] if after else move.start + round(abs(move.peak) / model["accel_cmd"] * log.rate_hz) + 2
+        )
         last = min(first + round(settling_time(model) * log.rate_hz), move.stop - round(0.02 * log.rate_hz))
         t, y = log.t[first:last], (w - log.w_cmd)[first:last]
         if last - first < 40 or not np.isfinite(y).all():
@@ -212,7 +226,12 @@ def contact(log: Log, move: Segment, model: Model, stop: float, side: float) -> 
     name = "x_stop_high" if side > 0.0 else "x_stop_low"
     _, covariance = regression(np.column_stack([depth**2, -2.0 * side * C * depth]), torque)
     scatter = cost / max(count - 2, 1) / max(float(np.var(torque - C * depth**2)), 1e-30)
-    return Step("11", {"C": C, name: place}, _errors(("C", name), covariance * max(scatter, 1.0)), {"x": x, "torque": torque})
+    return Step(
+        "11",
+        {"C": C, name: place},
+        _errors(("C", name), covariance * max(scatter, 1.0)),
+        {"x": x, "torque": torque},
+    )
 
 
 def compression(log: Log, move: Segment, model: Model, stop: float, side: float) -> Step | None:
@@ -225,7 +244,12 @@ def compression(log: Log, move: Segment, model: Model, stop: float, side: float)
     G = np.column_stack([np.ones(int(inside.sum())), angle[inside]])
     fit, covariance = regression(G, x[inside])
     values = {"E": 1.0 - float(fit[1]) / model["D"]}
-    return Step("10", values, {"E": float(np.sqrt(covariance[1, 1])) / model["D"]}, {"angle": angle[inside], "x": x[inside]})
+    return Step(
+        "10",
+        values,
+        {"E": float(np.sqrt(covariance[1, 1])) / model["D"]},
+        {"angle": angle[inside], "x": x[inside]},
+    )
 
 
 def _errors(names: Sequence[str], covariance: Array) -> dict[str, float]:

@@ -7,7 +7,6 @@ intervals of the others stay honest. docs/identify.md has the equations, the che
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,19 +16,30 @@ from observer_fi import closed_forms as cf
 from observer_fi.actuator import PARAMETERS
 from observer_fi.command_recovery import recover_command
 from observer_fi.effects import CAUSES
+from observer_fi.errors import InvalidLogError
 from observer_fi.experiment import cut_moves
 from observer_fi.fitting import Free
 from observer_fi.integral_regression import identify_driven
-from observer_fi.joint_fit import JointFit, Part, Z95, fit_parts, nll, part_of, predict, profile_interval, residuals_of
-from observer_fi.kinematic_breaks import Breaks, find_breaks, speed_of
-from observer_fi.models import Model, Quantity, Rig, override, with_values
-from observer_fi.errors import InvalidLogError
-from observer_fi.records import Array, Fit, Log, Parameter, Segment
+from observer_fi.joint_fit import (
+    Z95,
+    JointFit,
+    Part,
+    fit_parts,
+    nll,
+    part_of,
+    predict,
+    profile_interval,
+    residuals_of,
+)
+from observer_fi.kinematic_breaks import Breaks, find_breaks
+from observer_fi.models import Model, Rig, override, with_values
+from observer_fi.records import Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
 MAKER = {"Rm": 2e-3, "Km": 2e-3, "D": 1e-3}
 DEFAULT_SPREAD = 0.1  # of a parameter that the logs cannot tell
 PITCH_SPAN = 2.0  # deg between the moves' pitches that tells B
+PROFILE_FROM = 0.01  # relative standard error from which on the interval is the profile likelihood's
 CANNOT_TELL = 0.3  # relative standard error from which on a value is none
 # A sampled servo needs two numbers: its proportional path sees the speed half a period late (2 ms is a servo of
 # 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
@@ -80,13 +90,11 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
     steps, start = closed_form_start(material, rig.model)
-    parts = [
-        part
-        for k, m in enumerate(material)
-        if (part := part_of(m.log, rig, k, m.breaks)) is not None
-    ]
+    parts = [part for k, m in enumerate(material) if (part := part_of(m.log, rig, k, m.breaks)) is not None]
     if not parts:
-        raise InvalidLogError(f"{logs[0].path}: no move that begins from a rest; record the rest before each move too")
+        raise InvalidLogError(
+            f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"
+        )
     told = identifiable(material, parts, rig.model)
     values = _start_values(material, start, rig)
     values = _onsets(parts, material, rig.model, values)
@@ -156,7 +164,9 @@ def _decoupled(material: Material) -> list[Segment]:
 # --- where the fit begins -------------------------------------------------------------------------
 
 
-def closed_form_start(material: Sequence[Material], model: Model) -> tuple[dict[str, cf.Step], dict[str, float]]:
+def closed_form_start(
+    material: Sequence[Material], model: Model
+) -> tuple[dict[str, cf.Step], dict[str, float]]:
     """The steps of section 3 in the paper's order, each with the values of those before it, and the values found."""
     steps: dict[str, cf.Step] = {}
     found: dict[str, float] = {}
@@ -180,7 +190,11 @@ def _sequence(material: Sequence[Material], model: Model, found: dict[str, float
         yield "inertia", cf.inertia(k.log, whole, now())
         yield "gains", cf.gains(k.log, free, starts, now())
         for side, stop in ((1.0, k.breaks.stop_high), (-1.0, k.breaks.stop_low)):
-            pressing = [m for m in _coupled(k) if stop is not None and np.sign(m.peak) == side and _reaches(k, m, stop, side)]
+            pressing = [
+                m
+                for m in _coupled(k)
+                if stop is not None and np.sign(m.peak) == side and _reaches(k, m, stop, side)
+            ]
             for move in pressing[:1]:
                 yield "contact", cf.contact(k.log, move, now(), float(stop or 0.0), side)
                 yield "compression", cf.compression(k.log, move, now(), float(stop or 0.0), side)
@@ -197,14 +211,18 @@ def _reaches(k: Material, move: Segment, stop: float, side: float) -> bool:
 
 def _touches_stop(k: Material, move: Segment) -> bool:
     high, low = k.breaks.stop_high, k.breaks.stop_low
-    return (high is not None and _reaches(k, move, high, 1.0)) or (low is not None and _reaches(k, move, low, -1.0))
+    return (high is not None and _reaches(k, move, high, 1.0)) or (
+        low is not None and _reaches(k, move, low, -1.0)
+    )
 
 
 def _plausible(step: cf.Step, model: Model) -> bool:
     """A closed form that is off by a factor of three or has no finite value is no start for a fit."""
     for name, value in step.values.items():
         reference = model[name]
-        if not math.isfinite(value) or (not name.startswith("x_stop") and not reference / 3.0 < value < 3.0 * reference):
+        if not math.isfinite(value) or (
+            not name.startswith("x_stop") and not reference / 3.0 < value < 3.0 * reference
+        ):
             return False
     return True
 
@@ -240,17 +258,17 @@ def _onsets(
     """Values with the time of each coupling loss: rough from the bend, then the best of a scan of its own log."""
     values = dict(values)
     for part in parts:
-        loss = material[part.index].breaks.loss
+        loss = material[part.number].breaks.loss
         if loss is None:
             continue
-        log = material[part.index].log
-        values[f"onset@{part.index}"] = best_onset(part, plant, values, float(log.t[loss]), float(log.t[0]))
+        log = material[part.number].log
+        values[f"onset@{part.number}"] = best_onset(part, plant, values, float(log.t[loss]), float(log.t[0]))
     return values
 
 
 def best_onset(part: Part, plant: Model, values: Mapping[str, float], rough: float, earliest: float) -> float:
     """Onset [s] of least misfit on grids of 10, 2 and 0.3 ms around a rough one; before the log for a whole log."""
-    name = f"onset@{part.index}"
+    name = f"onset@{part.number}"
     nuisance = np.zeros((part.experiment.moves, 2))
 
     def cost(onset: float) -> float:
@@ -309,12 +327,14 @@ def _weak(fitted: JointFit, told: set[str]) -> set[str]:
 # --- the result -----------------------------------------------------------------------------------
 
 
-def _fit(parts: Sequence[Part], fitted: JointFit, told: set[str], steps: Mapping[str, cf.Step], rig: Rig) -> Fit:
+def _fit(
+    parts: Sequence[Part], fitted: JointFit, told: set[str], steps: Mapping[str, cf.Step], rig: Rig
+) -> Fit:
     std = fitted.std
     names = [f.name for f in fitted.free if _reported(f.name, told)]
     parameters = []
     for name in names:
-        low, high = profile_interval(parts, fitted, name) if std[name] > 0.0 else (fitted.values[name],) * 2
+        low, high = _interval(parts, fitted, name, rig.model)
         base = name.split("@")[0]
         unit = PARAMETERS[base][0] if base in PARAMETERS else "s"
         prior = rig.model[base] if base in PARAMETERS else math.nan
@@ -322,10 +342,36 @@ def _fit(parts: Sequence[Part], fitted: JointFit, told: set[str], steps: Mapping
     order = [k for k, f in enumerate(fitted.free) if f.name in names]
     scale = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     correlation = (fitted.covariance / np.outer(scale, scale))[np.ix_(order, order)]
-    missing = {n: text for n, text in RECORD.items() if not any(p.name.split("@")[0] == n for p in parameters)}
+    missing = {
+        n: text for n, text in RECORD.items() if not any(p.name.split("@")[0] == n for p in parameters)
+    }
     return Fit(
-        tuple(parameters), correlation, missing, nll(parts, fitted), rmse(parts, fitted), figures(parts, fitted, steps)
+        tuple(parameters),
+        correlation,
+        missing,
+        nll(parts, fitted),
+        rmse(parts, fitted),
+        figures(parts, fitted, steps),
     )
+
+
+def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) -> tuple[float, float]:
+    """95 % interval: the profile likelihood's for what is known to a percent or worse, else the parabola's.
+
+    What is known better than that moves the readings in proportion, and the parabola is exact.
+    """
+    value, std, base = fitted.values[name], fitted.std[name], name.split("@")[0]
+    scale = {
+        "torque_offset": model["A"],
+        "onset": math.inf,
+        "servo_delay": math.inf,
+        "input_delay": math.inf,
+    }.get(base, 1e-3 if base.startswith("x_stop") else abs(value))
+    low, high = value - Z95 * std, value + Z95 * std
+    if std > PROFILE_FROM * scale:
+        low, high = profile_interval(parts, fitted, name)
+    free = next(f for f in fitted.free if f.name == name)
+    return max(low, min(free.low, value)), min(high, max(free.high, value))
 
 
 def _reported(name: str, told: set[str]) -> bool:
@@ -341,12 +387,11 @@ def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     errors = []
     for part, r in zip(parts, fitted.residuals, strict=True):
         e = part.experiment
-        full = (e.weight > 0.0).all(axis=1)
-        once = full & np.isclose(e.weight[:, 1], 1.0 / e.noise[1])
-        errors.append(r[once] / e.weight[once])
-    e = np.concatenate(errors)
-    speed = (e[:, 0] - p[a.RM] * e[:, 1]) / p[a.KM]
-    named = {"current_a": e[:, 1], "position_m": e[:, 2], "speed_rad_s": speed}
+        single = np.isclose(e.weight, 1.0 / e.noise).all(axis=1)  # neither missing nor the mean of a rest
+        errors.append(r[single] / e.weight[single])
+    left = np.concatenate(errors)
+    speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
+    named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
     return {n: float(np.sqrt(np.mean(v**2))) for n, v in named.items()}
 
 
@@ -359,7 +404,7 @@ def figures(parts: Sequence[Part], fitted: JointFit, steps: Mapping[str, cf.Step
         simulated = predict(part, fitted.plant, fitted.values, nuisance)
         measured = np.where(e.weight > 0.0, e.z, np.nan)
         fits.append({
-            "log": part.index, "time": e.t[seen], "measured": measured[seen], "simulated": simulated[seen],
+            "log": part.number, "time": e.t[seen], "measured": measured[seen], "simulated": simulated[seen],
             "residual": r[seen], "move": e.owner[seen], "peak": e.peak, "pitch": e.pitch,
         })  # fmt: skip
     return {"steps": dict(steps), "fits": fits}

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.actuator import PARAMETERS
+from observer_fi.errors import InvalidLogError
 from observer_fi.kinematic_breaks import motor_angle
 from observer_fi.models import Model, Rig
-from observer_fi.errors import InvalidLogError
 from observer_fi.records import Array, Fit, Log, Parameter
 
 WINDOW_S = 0.25
@@ -70,20 +70,30 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and model["Rm"] > 0.0
-    names, values, covariance, s = _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
+    names, values, covariance, s = (
+        _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
+    )
     parameters, covariance = _told(names, values, covariance, rig)
     missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
-    noise = float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"])) if with_voltage else rig.noise["position"]
+    noise = (
+        float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
+        if with_voltage
+        else rig.noise["position"]
+    )
     sigma = s.sigma * (1.0 if with_voltage else model["D"])
     error = {"speed_rad_s": sigma / model["Km"]} if with_voltage else {"position_m": sigma}
     nll = float(np.log(noise * np.sqrt(2.0 * np.pi)) + 0.5 * (sigma / noise) ** 2)
-    return Fit(parameters, _correlation(covariance), missing, nll, error, {"windows": windows, "samples": s.n})
+    return Fit(
+        parameters, _correlation(covariance), missing, nll, error, {"windows": windows, "samples": s.n}
+    )
 
 
 def windows_of(log: Log, model: Model) -> list[Window]:
     """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
     w, sure = _speed(log, model)
-    sign = np.where(np.abs(sure) > max(SLOWEST * float(np.nanmax(np.abs(sure), initial=0.0)), TURNS), np.sign(sure), 0.0)
+    sign = np.where(
+        np.abs(sure) > max(SLOWEST * float(np.nanmax(np.abs(sure), initial=0.0)), TURNS), np.sign(sure), 0.0
+    )
     channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
     sign[~np.isfinite(channels).all(axis=1)] = 0.0
     edges = np.flatnonzero(np.diff(np.concatenate(([0.0], sign, [0.0]))))
@@ -95,7 +105,9 @@ def windows_of(log: Log, model: Model) -> list[Window]:
         for first in range(a, b - size // 2, size):
             rows = slice(first, min(first + size, b))
             if np.diff(log.t[rows]).max() < 1.5 / log.rate_hz:
-                found.append(Window(log.t[rows] - log.t[first], log.z[rows], log.pitch[rows], w[rows], float(sign[a])))
+                found.append(
+                    Window(log.t[rows] - log.t[first], log.z[rows], log.pitch[rows], w[rows], float(sign[a]))
+                )
     return found
 
 
@@ -146,13 +158,18 @@ def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...],
 def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:
     """Jacobian by central differences of one standard error."""
     moved = [np.diag(step)[k] for k in range(at.size)]
-    return np.column_stack([(function(at + m) - function(at - m)) / (2.0 * h) for m, h in zip(moved, step, strict=True)])
+    return np.column_stack(
+        [(function(at + m) - function(at - m)) / (2.0 * h) for m, h in zip(moved, step, strict=True)]
+    )
 
 
 def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[float, float]:
     """Km and its standard error from int (V - Rm i) dt = Km/D (x - x0), mixed with the maker's Km and D."""
     model = rig.model
-    rows = [_without(motor_angle(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1))) for w in windows]
+    rows = [
+        _without(motor_angle(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1)))
+        for w in windows
+    ]
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
     Km = 1.0 / float(s.x[0])
@@ -242,7 +259,9 @@ def _time(r: Array) -> float:
     return float(1.0 + 2.0 * rho[1 : int(below[0]) if below.size else rho.size].sum())
 
 
-def _told(names: Sequence[str], values: Array, covariance: Array, rig: Rig) -> tuple[tuple[Parameter, ...], Array]:
+def _told(
+    names: Sequence[str], values: Array, covariance: Array, rig: Rig
+) -> tuple[tuple[Parameter, ...], Array]:
     """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     small = ("torque_offset", "viscous_positive")

@@ -2,7 +2,8 @@
 
 Every move is simulated open loop from the rest before it (`experiment.py`). A log may lose its coupling at a free
 time; from there on the plant runs decoupled (equation 12). A parameter named "x_stop_high@2" belongs to the log with
-index 2 only; all others are shared. Gauss-Newton; two free numbers of every move (rest current and rest position) are projected out.
+index 2 only; all others are shared. Gauss-Newton; two free numbers of every move, the current and the position of
+its rest, are projected out.
 
 What is known to mislead is left out: the rest before a move counts as one sample of its mean, since a mass that rests
 at the edge of its friction would creep in a simulation of it; and a stop counts until the motor is nearly still,
@@ -36,13 +37,13 @@ _QUADRATIC = 0.3  # share by which a profile may differ from the parabola before
 
 
 class Part(NamedTuple):
-    """One log: its moves, the log's index, and whether it loses its coupling (values["onset@index"], s).
+    """One log: its moves, the log's number, and whether it loses its coupling (values["onset@number"], s).
 
     silent: parameters that this log says nothing about, so that they need no simulation of it.
     """
 
     experiment: Experiment
-    index: int
+    number: int
     loses: bool
     silent: frozenset[str]
 
@@ -73,7 +74,7 @@ class JointFit:
         return {f.name: float(math.sqrt(v)) for f, v in zip(self.free, np.diag(self.covariance), strict=True)}
 
 
-def part_of(log: Log, rig: Rig, index: int, breaks: Breaks) -> Part | None:
+def part_of(log: Log, rig: Rig, number: int, breaks: Breaks) -> Part | None:
     """A log ready to be fitted, or None where it holds no move that can be simulated from a rest."""
     moves = [m for m in cut_moves(log) if not _has_gap(log, m)]
     try:
@@ -84,7 +85,7 @@ def part_of(log: Log, rig: Rig, index: int, breaks: Breaks) -> Part | None:
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
     if breaks.stop_high is None and breaks.stop_low is None:
         silent |= {"C", "E"}
-    return Part(_refined(_trimmed(experiment, ends)), index, breaks.loss is not None, frozenset(silent))
+    return Part(_refined(_trimmed(experiment, ends)), number, breaks.loss is not None, frozenset(silent))
 
 
 def _has_gap(log: Log, move: Segment) -> bool:
@@ -157,19 +158,23 @@ def _refined(experiment: Experiment) -> Experiment:
     )
 
 
-def model_of(plant: Model, values: Mapping[str, float], index: int) -> Model:
+def model_of(plant: Model, values: Mapping[str, float], number: int) -> Model:
     """The plant of one log: shared values, and those named for it."""
-    own = {n.split("@")[0]: v for n, v in values.items() if n.endswith(f"@{index}") and n.split("@")[0] != "onset"}
+    own = {
+        n.split("@")[0]: v
+        for n, v in values.items()
+        if n.endswith(f"@{number}") and n.split("@")[0] != "onset"
+    }
     return override(plant, plant.name, **{n: v for n, v in values.items() if "@" not in n}, **own)
 
 
 def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Array) -> Array:
     """Readings (N, 3) of one log; nuisance (M, 2) what to add to the measured rest current [A] and position [m]."""
-    model = model_of(plant, values, part.index)
+    model = model_of(plant, values, part.number)
     ready = commands(part.experiment, model.vector)
     states, y = run(part.experiment, model, nuisance, ready)
     if part.loses:
-        _run_loose(part, model, values[f"onset@{part.index}"], ready, states, y)
+        _run_loose(part, model, values[f"onset@{part.number}"], ready, states, y)
     return y
 
 
@@ -264,7 +269,7 @@ def _objective(values: Mapping[str, float], free: Sequence[Free], r: Sequence[Ar
 
 
 def _touches(name: str, part: Part) -> bool:
-    return name not in part.silent and ("@" not in name or name.endswith(f"@{part.index}"))
+    return name not in part.silent and ("@" not in name or name.endswith(f"@{part.number}"))
 
 
 def _columns(
@@ -289,7 +294,7 @@ def _linearised(
     nuisance: Sequence[Array],
     r: Sequence[Array],
 ) -> tuple[list[Array], list[Array], Array, Array, list[Array], list[Array]]:
-    """Columns and nuisance columns per part, H (k, k) and g (k,) in units of the steps without priors, and how nuisances follow."""
+    """Columns and nuisance columns per part, the normal equations without priors, and how the nuisances follow."""
     k = len(free)
     H, g = np.zeros((k, k)), np.zeros(k)
     all_columns, all_around, pulls, follows = [], [], [], []

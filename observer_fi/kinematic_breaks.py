@@ -19,7 +19,9 @@ GAIN = 40.0  # nats that a bend must win over a straight line
 TRAVEL_SIGMAS = 6.0  # of one position sample that the motor must turn on after a bend
 
 
-RELEASE = 1.5e-4  # m of D phi before a mass that leaves a stop is free: play and sensor lag bend the first 0.1 mm
+RELEASE = (
+    1.5e-4  # m of D phi before a mass that leaves a stop is free: play and sensor lag bend the first 0.1 mm
+)
 
 
 class Bend(NamedTuple):
@@ -62,7 +64,9 @@ def motor_angle(t: Array, w: Array) -> Array:
 def find_breaks(log: Log, moves: Sequence[Segment], model: Model, position_std: float) -> Breaks:
     """Stops and the coupling loss of a log; moves as cut from its command."""
     bends = [b for b in (_bend(log, move, model, position_std) for move in moves) if b is not None]
-    last = max((k for k, b in enumerate(bends) if b.after > FROZEN), default=-1)  # what follows stands for good
+    last = max(
+        (k for k, b in enumerate(bends) if b.after > FROZEN), default=-1
+    )  # what follows stands for good
     loss = bends[last + 1].row if last + 1 < len(bends) else None
     pressed = [b for b in bends if loss is None or b.row < loss]
     sides = {side: [b.x for b in pressed if _side(b) == side] for side in (1.0, -1.0)}

@@ -22,7 +22,7 @@ import hidden
 
 from observer_fi import scores
 from observer_fi.diagnose import diagnose_log
-from observer_fi.identify import identify, identified_rig
+from observer_fi.identify import identified_rig, identify
 from observer_fi.ingest import log_from_frame
 from observer_fi.models import Rig, load_rig
 from observer_fi.records import Fit, Log
@@ -33,6 +33,9 @@ TRUTH_NAMES = {
 }  # fmt: skip
 LIMITS = {"J": 2.0, "A": 2.0, "Kp": 2.0, "Ki": 2.0, "C": 5.0, "E": 5.0}  # %, median
 X_LIMIT_M = 1e-4
+DIAGNOSIS_HEAD = (
+    "truth", "right, Table 1", "right, identified", "delay, Table 1", "delay, identified", "Brier, Table 1", "Brier, identified",
+)  # fmt: skip
 LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
 
 
@@ -76,7 +79,8 @@ def draw_logs(seed: int) -> tuple[hidden.Rig, list[Log]]:
         (hidden.contact_campaign(), rig, hidden.NO_FAULT),
         (hidden.there_and_back((410.0, 410.0), (2.0, 2.0), (0.0, 0.0)), far, loss),
     )
-    return rig, [_log(hidden.TruthSpec(p, r, f, start_integral_rad=_rest(rng, r)), 10 * seed + k) for k, (p, r, f) in enumerate(plans)]
+    specs = [hidden.TruthSpec(p, r, f, start_integral_rad=_rest(rng, r)) for p, r, f in plans]
+    return rig, [_log(spec, 10 * seed + k) for k, spec in enumerate(specs)]
 
 
 def _rest(rng: np.random.Generator, rig: hidden.Rig) -> float:
@@ -100,8 +104,21 @@ def run_trial(seed: int, diagnoses: bool = True) -> Trial:
     own = identified_rig(fit, paper)
     cases = [_judge(seed, label, truth, (paper, own)) for label in LABELS] if diagnoses else []
     return Trial(
-        estimates_of(fit, truth), campaign_seconds, seconds, tuple(c[0] for c in cases), tuple(c[1] for c in cases)
+        estimates_of(fit, truth),
+        campaign_seconds,
+        seconds,
+        tuple(c[0] for c in cases),
+        tuple(c[1] for c in cases),
     )
+
+
+def run_all(seeds: Sequence[int], workers: int = 1, diagnoses: bool = True) -> list[Trial]:
+    """Trials of all seeds, in order; the same whatever the number of workers."""
+    run = partial(run_trial, diagnoses=diagnoses)
+    if workers == 1:
+        return [run(seed) for seed in seeds]
+    with ProcessPoolExecutor(workers) as pool:
+        return list(pool.map(run, seeds))
 
 
 def estimates_of(fit: Fit, truth: hidden.Rig) -> tuple[Estimate, ...]:
@@ -127,7 +144,10 @@ def _judge(seed: int, label: str, truth: hidden.Rig, rigs: Sequence[Rig]) -> lis
     pitch = spec.profile.pitch_steps[0][1]
     spec = replace(spec, rig=rig, start_integral_rad=hidden.draw_rest_integral(rng, rig, pitch))
     log = _log(spec, seed)
-    return [scores.case(label, label, spec.fault.onset_s, diagnose_log(log, r, Settings()).isolation) for r in rigs]
+    return [
+        scores.case(label, label, spec.fault.onset_s, diagnose_log(log, r, Settings()).isolation)
+        for r in rigs
+    ]
 
 
 # --- the report -----------------------------------------------------------------------------------
@@ -140,7 +160,8 @@ def coverage_rows(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
         some = [e for t in trials for e in t.estimates if e.name == name]
         held = f"{100.0 * np.mean([e.held for e in some]):.0f} %"
         score = np.array([(e.value - e.truth) / e.std for e in some])
-        rows.append((name, str(len(some)), held, _error(some, "value"), _error(some, "closed"), f"{score.mean():+.2f}", f"{score.std():.2f}"))
+        errors = (_error(some, "value"), _error(some, "closed"))
+        rows.append((name, str(len(some)), held, *errors, f"{score.mean():+.2f}", f"{score.std():.2f}"))
     return rows
 
 
@@ -168,7 +189,8 @@ def diagnosis_rows(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
             continue
         delays = [f"{1e3 * scores.quantile(np.array([c.delay_s for c in some]), 0.5):.0f}" for some in pair]
         right = [f"{sum(c.right for c in some)} of {len(some)}" for some in pair]
-        rows.append((label, *right, *(d if d != "nan" else "-" for d in delays), *(f"{scores.brier(some):.4f}" for some in pair)))
+        brier = [f"{scores.brier(some):.4f}" for some in pair]
+        rows.append((label, *right, *(d.replace("nan", "-") for d in delays), *brier))
     return rows
 
 
@@ -185,28 +207,31 @@ def report(trials: Sequence[Trial], seed: int) -> str:
         "# Identification of rigs from their own logs",
         f"{len(trials)} rigs of the independent truth (paper's spread; 3 % on J, Kp, Ki, Rs, Vmax; a servo of 8 kHz), seeds "
         f"{seed} to {seed + len(trials) - 1}. Per rig: the 20 s campaign, 29 s on both stops, 10 s that lose the coupling. "
-        f"Time: {np.median(times[:, 0]):.1f} s for the campaign alone, {np.median(times[:, 1]):.1f} s for all three logs (medians).",
+        f"Time: {np.median(times[:, 0]):.1f} s for the campaign alone, {np.median(times[:, 1]):.1f} s for all three (medians).",
         "## Intervals and errors",
         "95 % intervals should hold the truth in 90 to 99 % of rigs. Errors are medians of absolute errors; section 3 alone "
         "stands beside the likelihood. z is (value - truth) over the standard error.",
-        table(("parameter", "rigs", "held", "median error", "section 3 alone", "mean z", "sd z"), coverage_rows(trials)),
+        table(
+            ("parameter", "rigs", "held", "median error", "section 3 alone", "mean z", "sd z"),
+            coverage_rows(trials),
+        ),
         "Rm, Km and D of the truth are the maker's, which are the fit's priors (0.2, 0.2 and 0.1 %).",
     ]
     if any(t.own_cases for t in trials):
         parts += [
             "## Diagnosis with Table 1 and with the identified rig",
-            "One move a rig and class of fault, the same logs for both; delays from onset to isolation, medians of right verdicts.",
-            table(
-                ("truth", "right, Table 1", "right, identified", "delay ms, Table 1", "delay ms, identified", "Brier, Table 1", "Brier, identified"),
-                diagnosis_rows(trials),
-            ),
+            "One move a rig and class of fault, the same logs for both rig files. Delays [ms] from onset to isolation, medians "
+            "of right verdicts.",
+            table(DIAGNOSIS_HEAD, diagnosis_rows(trials)),
         ]
     return "\n\n".join(parts) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw, identify, compare, write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rigs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=20000)
     parser.add_argument("--workers", type=int, default=1)
@@ -214,12 +239,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("reports/identify.md"))
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.rigs)
-    run = partial(run_trial, diagnoses=not options.no_diagnoses)
-    if options.workers > 1:
-        with ProcessPoolExecutor(options.workers) as pool:
-            trials = list(pool.map(run, seeds))
-    else:
-        trials = [run(seed) for seed in seeds]
+    trials = run_all(seeds, options.workers, not options.no_diagnoses)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(report(trials, options.seed), encoding="utf-8")
     return 0
