@@ -148,7 +148,7 @@ class EventTracker:
         changed = np.concatenate((self.unsettled, changed))
         settling = np.convolve(changed, np.ones(SETTLING), "valid") > 0
         joined = np.concatenate((self.ratios, np.where(settling, 1.0, ratio)))
-        if joined.size >= window:
+        if joined.size >= window > 0:
             mean = np.convolve(joined, np.ones(window) / window, "valid")
             over = np.flatnonzero(mean > self.settings.nis_limit) + window - 1 - self.ratios.size
             wrong, first = np.unique(winner[over], return_index=True)
