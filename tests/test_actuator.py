@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from observer_fi import actuator as a
 from observer_fi import simulate as sim
 from observer_fi.command import corners
-from observer_fi.models import Model, coupling_loss, load_rig, override, overload
+from observer_fi.models import Model, coupling_loss, load_rig, overload, override
 from observer_fi.trapezoid import quarters
 
 RIG = load_rig()

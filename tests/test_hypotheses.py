@@ -21,7 +21,7 @@ NAMES = tuple(h.name for h in HYPOTHESES)
 
 def test_the_default_bank() -> None:
     sensors = ("sensor:voltage", "sensor:current", "sensor:position")
-    assert NAMES == ("nominal", "overload", "coupling_loss", "unknown", *sensors)
+    assert list(NAMES) == ["nominal", "overload", "coupling_loss", "unknown", *sensors]
     assert [h.failed for h in HYPOTHESES] == [-1, -1, -1, -1, 0, 1, 2]
     assert {h.label for h in HYPOTHESES[4:]} == {"sensor_fault"}
     assert all(h.states[:3] == ("w", "I", "x") for h in HYPOTHESES)
