@@ -15,6 +15,7 @@ from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
 
 if TYPE_CHECKING:
+    from observer_fi.records import Log
     from observer_fi.scenario import Scenario
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
@@ -364,10 +365,78 @@ def _watch(args: argparse.Namespace) -> int:
 
 
 # A command is a row here: its help, its arguments, its function. Both import what they need inside.
+# --- identify and improve ---
+
+
+def _learning_arguments(parser: argparse.ArgumentParser) -> None:
+    add_logs(parser)
+    add_rig(parser, settings=False)
+    add_common(parser)
+
+
+def _learning_logs(args: argparse.Namespace) -> "list[Log]":
+    """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
+    from observer_fi.ingest import load_columns, read_log
+
+    columns = load_columns(args.columns) if args.columns else None
+    return [read_log(path, columns) for path in dict.fromkeys(args.logs)]
+
+
+def _identify(args: argparse.Namespace) -> int:
+    from observer_fi.identify import identified_rig, identify
+    from observer_fi.ingest import log_name
+    from observer_fi.learning_report import identify_files, identify_json
+    from observer_fi.models import load_rig
+    from observer_fi.output import write_folder
+
+    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    logs = _learning_logs(args)
+    fit = identify(logs, rig)
+    write_folder(args.out / name, identify_files(fit, rig, identified_rig(fit, rig), name, list(args.logs)))
+    if args.json:
+        emit_json(identify_json(fit))
+    elif not args.quiet:
+        told = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
+        print(f"{name}: {len(fit.parameters)} parameters learned{told}  {args.out / name / 'report.html'}")
+    return OK
+
+
+def _improve(args: argparse.Namespace) -> int:
+    from observer_fi.improve import improve, to_json
+    from observer_fi.ingest import log_name
+    from observer_fi.learning_report import improve_files, improve_headline
+    from observer_fi.models import load_rig
+    from observer_fi.output import write_folder
+
+    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    logs = _learning_logs(args)
+    record = improve(logs, rig, progress=_step(args))
+    write_folder(args.out / name, improve_files(record, name, list(args.logs)))
+    if args.json:
+        emit_json(to_json(record))
+    elif not args.quiet:
+        print(f"{name}: {improve_headline(record)}  {args.out / name / 'report.html'}")
+    return OK
+
+
+def _step(args: argparse.Namespace) -> Callable[[str], None]:
+    """Tells on a terminal what a long command is doing."""
+
+    def tell(text: str) -> None:
+        if sys.stderr.isatty() and not args.quiet and not args.json:
+            print(f"  {text}", file=sys.stderr, flush=True)
+
+    return tell
+
+
 COMMANDS: dict[str, Command] = {
     "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
     "compare": Command(
         "observer bank against open-loop mixture on many faults", _compare_arguments, _compare
+    ),
+    "identify": Command("learn a rig from its logs, with intervals", _learning_arguments, _identify),
+    "improve": Command(
+        "show what the simulation gets wrong, name the cause, extend the model", _learning_arguments, _improve
     ),
     "simulate": Command(
         "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate

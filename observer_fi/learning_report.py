@@ -1,0 +1,77 @@
+"""Reports of `identify` and `improve`: the records printed, nothing computed."""
+
+from typing import Any
+
+from observer_fi import learning_figures
+from observer_fi.effects import CAUSES
+from observer_fi.improve import Improvement, to_json
+from observer_fi.models import Rig, rig_toml
+from observer_fi.records import Fit, Parameter
+from observer_fi.report import environment, json_text, number, versions
+
+
+def improve_files(record: Improvement, name: str, logs: list[str]) -> dict[str, str]:
+    """Everything that one improve report consists of, {file name: text}."""
+    drawn = learning_figures.of_improve(record)
+    page = environment().get_template("improve.html")
+    html = page.render(
+        record=record, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain, causes=CAUSES,
+        value=value, versions=versions(),
+    )  # fmt: skip
+    return {
+        "improve.json": json_text(to_json(record)),
+        "report.html": html,
+        "rig.toml": rig_toml(record.extended_rig),
+        **{f"{key}.svg": svg for key, svg in drawn.items()},
+    }
+
+
+def improve_headline(record: Improvement) -> str:
+    """One line: what the simulation misses."""
+    named = [plain(f.cause) for f in record.findings]
+    rest = " and something without a name" if record.unexplained else ""
+    if not named:
+        return "Nothing with a name is missing" + (", but something is" if record.unexplained else "")
+    return f"The simulation misses {', '.join(named)}{rest}"
+
+
+def identify_files(fit: Fit, rig: Rig, identified: Rig, name: str, logs: list[str]) -> dict[str, str]:
+    """Everything that one identify report consists of, {file name: text}."""
+    drawn = learning_figures.of_identify(fit)
+    page = environment().get_template("identify.html")
+    html = page.render(
+        fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions()
+    )
+    return {
+        "identify.json": json_text(identify_json(fit)),
+        "report.html": html,
+        "rig.toml": rig_toml(identified),
+        **{f"{key}.svg": svg for key, svg in drawn.items()},
+    }
+
+
+def identify_json(fit: Fit) -> dict[str, Any]:
+    """The fit as plain data."""
+    return {
+        "schema": "observer-fi/identify/1",
+        "parameters": {p.name: _fields(p) for p in fit.parameters},
+        "not_identifiable": fit.not_identifiable,
+        "nll_per_sample": fit.nll_per_sample,
+        "rmse": fit.rmse,
+        "correlation": {"names": [p.name for p in fit.parameters], "matrix": fit.correlation.tolist()},
+    }
+
+
+def _fields(parameter: Parameter) -> dict[str, Any]:
+    return {k: getattr(parameter, k) for k in ("value", "std", "prior", "unit", "low", "high")}
+
+
+def plain(name: str) -> str:
+    """The name of a cause or parameter in words."""
+    return name.replace("_", " ")
+
+
+def value(v: float, std: float, unit: str) -> str:
+    """A value with its standard error in the value's own digits."""
+    shown = f"{number(v, 4)} ± {number(std, 2)}"
+    return shown if unit == "1" else f"{shown} {unit}"
