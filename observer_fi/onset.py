@@ -124,7 +124,7 @@ def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> On
     """Onset of `fault` between two times, from the samples and snapshots that a bank keeps; None where they are gone."""
     recent = bank.recent
     starts = [(t, state) for t, state in bank.snapshots if t <= first_s]
-    if recent is None or not (starts or bank.snapshots):
+    if recent is None or not bank.snapshots or first_s >= recent.t[-1]:
         return None
     since, state = starts[-1] if starts else bank.snapshots[0]
     begin, end = (int(k) for k in np.searchsorted(recent.t, [since - 1e-9, last_s]))
