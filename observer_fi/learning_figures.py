@@ -20,7 +20,7 @@ REGRESSORS = {
     "screw_angle": ("screw angle [rad]", 1.0),
     "pitch": ("pitch [deg]", 1.0),
     "current": ("current [mA]", 1e3),
-    "load": ("load torque [mN m]", 1e3),
+    "load": ("load [mN m]", 1e3),
     "temperature": ("heat put in [J]", 1.0),
     "time": ("time [s]", 1.0),
 }
@@ -193,31 +193,27 @@ def _pairs(step: Any) -> list[tuple[str, Array, Array]]:
     if len(arrays) < 2:
         return []
     (first, x), *rest = arrays.items()
-    return [(name, x, y) for name, y in rest if y.size == x.size]
+    return [(name, x, y) for name, y in rest if y.size == x.size and name != "direction"]
 
 
 def step_figure(name: str, step: Any) -> str:
     """One step of section 3: data as dots, model as a line."""
     curves = _pairs(step)
-    figure = Figure(f"step-{name}", WIDTH, 230.0, step.equation)
+    title = f"{name.replace('_', ' ')}, equation {step.equation}"
+    figure = Figure(f"step-{name}", WIDTH, 230.0, title)
     x = curves[0][1]
     panel = figure.panel(
         LEFT, 34.0, WIDTH - LEFT - RIGHT, 140.0, padded(x), padded(*(y for _, _, y in curves))
     )
-    panel.frame(next(iter(step.arrays)).replace("_", " "), step.equation)
+    panel.frame(next(iter(step.arrays)).replace("_", " "), title)
+    labels = []
     for k, (label, at, y) in enumerate(curves):
         order = np.argsort(at)
+        colour = MEASURED if k == 0 else (AFTER, BEFORE)[(k - 1) % 2]
         if k == 0:
-            panel.points(at, y, MEASURED, 3.0)
+            panel.points(at, y, colour, 3.0)
         else:
-            panel.line(at[order], y[order], (AFTER, BEFORE)[(k - 1) % 2], 1.4)
-        panel.end_labels(
-            (
-                (
-                    float(y[order][-1]),
-                    label.replace("_", " "),
-                    MUTED if k == 0 else (AFTER, BEFORE)[(k - 1) % 2],
-                ),
-            )
-        )
+            panel.line(at[order], y[order], colour, 1.4)
+        labels.append((float(y[order][-1]), label.replace("_", " "), MUTED if k == 0 else colour))
+    panel.end_labels(labels)
     return figure.svg()
