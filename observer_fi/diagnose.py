@@ -248,7 +248,7 @@ class Baseline:
         """Take the next chunk and the bank's estimate of it."""
         if self.mixture is None and detected_s is not None:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
-            state = e.states[max(first - 1, 0), :3]
+            state = e.states[first, :3]
             self.mixture = Mixture(
                 self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None
             )

@@ -20,7 +20,7 @@ REGRESSORS = {
     "screw_angle": ("screw angle [rad]", 1.0),
     "pitch": ("pitch [deg]", 1.0),
     "current": ("current [mA]", 1e3),
-    "load": ("load [mN m]", 1e3),
+    "load": ("|current| [mA]", 1e3),
     "temperature": ("heat put in [J]", 1.0),
     "time": ("time [s]", 1.0),
 }
