@@ -159,7 +159,8 @@ _TABLE = (
         separate_by="moves over the whole travel, both directions, two speeds",
     ),
     Cause(
-        "shaft_ripple", "torque", "torque += T sin(n phi + phase), n whole turns of the motor", "cogging and shaft misalignment",
+        "shaft_ripple", "torque", "torque += T sin(n phi + phase), n whole turns of the motor",
+        "cogging and shaft misalignment",
         _ripple("shaft_ripple_sin", "shaft_ripple_cos", 1e-6, tuple(_order(k) for k in (2, 3, 4, 6, 9, 13))),
         confused_with=("screw_ripple",),
         separate_by="slow moves with the encoder logged: the ripple must stay with the motor angle",
@@ -181,7 +182,8 @@ _TABLE = (
         separate_by="moves at five pitches, as large as they get",
     ),
     Cause(
-        "winding_heating", "electrical", "R += Rm h, dh/dt = g Rm i^2 - h/T, or h = r (1 - exp(-t/T))", "copper gains 0.39 % per kelvin",
+        "winding_heating", "electrical", "R += Rm h, dh/dt = g Rm i^2 - h/T, or h = r (1 - exp(-t/T))",
+        "copper gains 0.39 % per kelvin",
         (
             Variant(
                 "one time constant",
@@ -211,7 +213,7 @@ _TABLE = (
         "supply_sag", "electrical", "Vmax - sag, T dsag/dt = Rs' |i| - sag, or a drift in time", "battery and cable",
         (
             Variant("sag", (Term("sag_resistance", 1e-2, 0.0), Term("sag_time", 0.1, 3e-3, 5.0, shape=True, prior_std=1.0))),
-            Variant("drift", (Term("supply_drift", 1e-3),)),
+            Variant("drift", (Term("supply_drift", 1e-3, 0.0),)),
         ),
         confused_with=("integrator_clamp",),
         separate_by="the supply voltage itself, or starts of several sizes that saturate",
@@ -288,7 +290,8 @@ _TABLE = (
         separate_by="a gauge block or calliper beside the position sensor",
     ),
     Cause(
-        "position_periodic_error", "sensor:position", "x_seen = x + a sin(2 pi x/period + phase)", "interpolation error of scales",
+        "position_periodic_error", "sensor:position", "x_seen = x + a sin(2 pi x/period + phase)",
+        "interpolation error of scales",
         (
             Variant("1 mm", (Term("position_sin", 1e-6), Term("position_cos", 1e-6))),
             Variant("0.5 mm", (Term("position_sin", 1e-6), Term("position_cos", 1e-6)), (("position_period", 5e-4),)),
@@ -311,7 +314,7 @@ _TABLE = (
     ),
     Cause(
         "voltage_delay", "sensor:voltage", "V seen T late", "filter of the voltage channel",
-        _one("voltage_delay", 2e-5, -1e-3, 0.1),
+        _one("voltage_delay", 2e-5, 0.0, 0.1),
         confused_with=("input_delay",),
         separate_by="a faster logger through a start",
     ),

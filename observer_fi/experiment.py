@@ -30,6 +30,7 @@ _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log beg
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
+_FIXED_POINT_STEPS = 8
 _FEWEST = 100  # settled samples for an estimate of the noise
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
@@ -130,12 +131,12 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     cut = [cut_moves(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     noise = noise_of(logs, rig)
-    parts = [
+    every = [
         _part(log, k, m, segments, noise)
         for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
         for m in range(len(segments))
     ]
-    parts = [part for part in parts if part is not None]
+    parts = [part for part in every if part is not None]
     if not parts:
         raise ValueError("no move with a commanded speed in these logs: nothing to fit")
     rows = [p["t"].size for p in parts]
@@ -282,7 +283,7 @@ def simulate(
 def run(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
-    """States (N, 9) in the order of `simulate.STATES` and the current, and readings (N, 3)."""
+    """States (N, 12) with the columns of `simulate.run`, and readings (N, 3)."""
     p = model.vector
     now, late = commands(experiment, p) if ready is None else ready
     states = np.empty((experiment.t.size, s.COLUMNS))
@@ -317,7 +318,7 @@ def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:
     # The rest current is what the sensor shows; the plant has the current behind offset and gain.
     extended = p[a.EXTENDED] != 0.0
     true_i = (i - p[a.CURRENT_OFFSET]) / p[a.CURRENT_GAIN] if extended else i
-    true_x = x / p[a.POSITION_GAIN] if extended else x
+    true_x = _behind_sensor(x, p) if extended else x
     before = np.where(experiment.before != 0.0, experiment.before, np.sign(experiment.peak))
     starts[:, s.I] = true_i / p[a.KI]
     starts[:, s.LAGGED] = true_i
@@ -326,3 +327,13 @@ def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:
     starts[:, s.PHI] = starts[:, s.X] / p[a.D]
     starts[:, s.H], starts[:, s.SAG] = _slow_start(experiment, p)
     return starts
+
+
+def _behind_sensor(reading: Array, p: Array) -> Array:
+    """Position whose reading at rest is `reading` [m], by fixed point: periodic errors are small and smooth."""
+    x = reading.copy()
+    for _ in range(_FIXED_POINT_STEPS):
+        turn = 2.0 * math.pi * x / p[a.POSITION_PERIOD]
+        error = p[a.POSITION_SIN] * np.sin(turn) + p[a.POSITION_COS] * (np.cos(turn) - 1.0)
+        x = (reading - error) / p[a.POSITION_GAIN]
+    return x

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,14 @@ from scipy.stats import chi2
 from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.errors import UsageError
-from observer_fi.experiment import Experiment, prepare, simulate
+from observer_fi.experiment import Experiment, prepare
 from observer_fi.fitting import FitResult, autocorrelation, nll_per_sample
-from observer_fi.models import Rig, with_values
+from observer_fi.models import Model, Rig, with_values
 from observer_fi.naming import (
+    DUST,
     Named,
     Naming,
     NamingSettings,
-    channel_excess,
     excess,
     held_out_residuals,
     name_causes,
@@ -26,12 +26,15 @@ from observer_fi.naming import (
 from observer_fi.records import Array, Log, Segment
 from observer_fi.residuals import Residuals, residual_tables
 from observer_fi.stops import find_stops
-from observer_fi.unexplained import Smooth, smooth_terms
+from observer_fi.unexplained import Smooth, rest_jumps, smooth_terms
 
 SCHEMA = "observer-fi/improve/1"
 CHANNELS = ("voltage_v", "current_a", "position_m")
+_SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
+_SAMPLED = ("current_lag", "voltage_delay")
 _WHITE_LAGS = 20
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
+_SMOOTH_NATS = 15.0  # that a smooth term must gain on held-out moves, over the price of its knots in all
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -237,6 +240,13 @@ def _finding(
     )
 
 
+def _error(parameter: str, std: dict[str, float], model: Model) -> float:
+    """Standard error; a delay inside a sampled servo is known to half its period only (uniform), whatever the noise."""
+    if parameter in _SAMPLED:
+        return math.hypot(std.get(parameter, 0.0), model["servo_delay"] / math.sqrt(3.0))
+    return std.get(parameter, 0.0)
+
+
 def _separate_by(cause: str, rivals: Sequence[str]) -> str:
     texts = [CAUSES[name].separate_by for name in (cause, *rivals) if CAUSES[name].separate_by]
     return "; ".join(dict.fromkeys(texts))
@@ -245,20 +255,34 @@ def _separate_by(cause: str, rivals: Sequence[str]) -> str:
 def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
     """The smooth terms that the extended model still asks for, the best first."""
     r = naming.extended.residuals
-    most = excess(experiment, naming.baseline.residuals)
-    left = excess(experiment, r)
-    channels = [channel_excess(experiment, r, c) for c in range(3)]
-    if max(left, *channels) <= 0.003 * most or max(left, *channels) == 0.0:
-        return ()
     n = int((experiment.weight > 0.0).sum())
-    whole = max(0.5 * (float(np.vdot(r, r)) - n), left, *channels)
+    whole = max(0.5 * (float(np.vdot(r, r)) - n), *(_raw_excess(experiment, r, c) for c in range(3)))
     terms = smooth_terms(experiment, naming.extended, whole)
-    best = terms[0].held_out
+    jumps = rest_jumps(experiment, 0.0)  # its share is that of the jumps themselves
+    if jumps is not None:
+        terms = sorted([*terms, jumps], key=lambda term: -term.held_out)
+    best = terms[0]
+    floor = max(_SMOOTH_NATS, DUST * excess(experiment, naming.baseline.residuals))
+    if best.held_out < floor or best.gain < floor + 0.5 * best.at.size * math.log(n):
+        return ()
     told: dict[tuple[str, str], Smooth] = {}
     for term in terms:
-        if term.share >= _UNEXPLAINED_SHARE and term.held_out >= _AS_GOOD * best:
-            told.setdefault((term.equation, term.regressor), term)
+        share = term.share if term is jumps else _share(experiment, r, term, whole)
+        if share >= _UNEXPLAINED_SHARE and term.held_out >= _AS_GOOD * best.held_out:
+            told.setdefault((term.equation, term.regressor), replace(term, share=share))
     return tuple(told.values())
+
+
+def _share(experiment: Experiment, r: Array, term: Smooth, whole: float) -> float:
+    """Share of the residual's excess variance, of its own channel for a sensor, that the term explains."""
+    if term.equation in _SENSORS:
+        whole = _raw_excess(experiment, r, _SENSORS.index(term.equation))
+    return min(term.held_out / max(whole, term.gain), 1.0)
+
+
+def _raw_excess(experiment: Experiment, r: Array, channel: int) -> float:
+    n = int((experiment.weight[:, channel] > 0.0).sum())
+    return 0.5 * (float(np.sum(r[:, channel] ** 2)) - n)
 
 
 def _detectable(naming: Naming) -> dict[str, dict[str, float] | None]:

@@ -105,6 +105,8 @@ def _gain_share(record: Improvement) -> float | None:
     floor = float(np.mean((record.experiment.weight > 0.0).sum(axis=1))) * 0.5
     noise = np.log(record.experiment.noise * math.sqrt(2.0 * math.pi))
     best = floor + float((record.experiment.weight > 0.0).mean(axis=0) @ noise)
+    # The place at rest is known to the noise over the root of its samples, for the true model as well.
+    best += 0.5 * float(np.mean(1.0 / record.experiment.moving))
     possible = record.baseline.nll_per_sample - best
     return (
         (record.baseline.nll_per_sample - record.extended.nll_per_sample) / possible

@@ -27,27 +27,32 @@ _SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the perio
 _STOPS = {"C": 1.0, "E": 0.2}
 
 
+DUST = 0.003
+
+
 @dataclass(frozen=True)
 class NamingSettings:
     """What it takes to name a cause.
 
-    share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel; dust:
-    of the baseline's excess, below which nothing is named: imperfections of larger causes look like that. held_out: share of the gain that must be
-    seen on held-out moves. close: nats, per unit of the residuals' inflation, within which a rival cannot be told
-    apart. rivals: how many are refitted in a round. margin: nats over the penalty. A cause is refused where one smooth
-    term gains smooth_factor times as much and smooth_share of all: the truth is then outside the vocabulary.
+    share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel. dust:
+    of the baseline's excess, below which nothing is named: imperfections of larger causes look like that. held_out:
+    share of the gain that must be seen on held-out moves. close: nats, per unit of the residuals' inflation, within
+    which a rival cannot be told apart. rivals: how many are refitted in a round. margin: nats over the penalty. A cause
+    is refused where one smooth term gains smooth_factor times as much, smooth_nats more, and smooth_share of all: the
+    truth is then outside the vocabulary.
     """
 
     share: float = 0.25
     channel_share: float = 0.5
-    dust: float = 0.003
+    dust: float = DUST
     held_out: float = 0.3
     close: float = 6.0
     rivals: int = 6
     rounds: int = 6
     margin: float = 10.0
-    smooth_factor: float = 1.5
+    smooth_factor: float = 1.3
     smooth_share: float = 0.6
+    smooth_nats: float = 40.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,10 @@ def name_causes(
     progress("refit of the rig")
     baseline = fit(experiment, model, base_parameters(rig, model))
     most = excess(experiment, baseline.residuals)
-    fitted, named, refused, screened = baseline, [], (), ()
+    fitted = baseline
+    named: list[Named] = []
+    refused: tuple[tuple[str, float], ...] = ()
+    screened: tuple[Candidate, ...] = ()
     for _ in range(settings.rounds):
         progress(f"scores, {len(named)} named so far")
         step, refused, screened = _next(experiment, fitted, tuple(named), most, settings)
@@ -216,10 +224,13 @@ def _smooth_is_better(
     """Whether one smooth term explains nearly all that is left where the named cause explains far less."""
     n = int((experiment.weight > 0.0).sum())
     left = 0.5 * (float(np.vdot(before.residuals, before.residuals)) - n)
-    if excess(experiment, after.residuals) == 0.0 or gain > left / settings.smooth_factor:
+    if gain > left and excess(experiment, after.residuals) == 0.0:
         return False
     best = smooth_terms(experiment, before, left)[0]
-    return best.held_out > settings.smooth_factor * gain and best.held_out > settings.smooth_share * left
+    more = best.held_out - gain
+    return more > max(settings.smooth_nats, (settings.smooth_factor - 1.0) * gain) and (
+        best.held_out > settings.smooth_share * left
+    )
 
 
 def channel_excess(experiment: Experiment, r: Array, channel: int) -> float:

@@ -95,7 +95,7 @@ def _curve(values: Array, r: Array) -> Curve:
         / np.maximum(count, 1)[:, None]
     )
     centres = 0.5 * (edges[1:] + edges[:-1]) if edges.size > 1 else edges
-    return Curve(centres, mean, count)
+    return Curve(centres, mean, count.astype(float))
 
 
 def _spectrum(experiment: Experiment, r: Array, angle: Array | None) -> tuple[Array, Array]:
@@ -120,4 +120,4 @@ def _spectrum(experiment: Experiment, r: Array, angle: Array | None) -> tuple[Ar
             line = np.interp(grid, x, y[:, c])
             power[:, c] += np.abs(np.fft.rfft((line - line.mean()) * window)) ** 2 / np.sum(window**2)
         moves += 1
-    return np.fft.rfftfreq(size, pitch), power / max(moves, 1)
+    return np.asarray(np.fft.rfftfreq(size, pitch), dtype=float), power / max(moves, 1)

@@ -13,7 +13,8 @@ from observer_fi.compiled import compiled, inlined
 STATES = ("w", "I", "x", "phi", "h", "sag", "c", "mass")
 W, I, X, PHI, H, SAG, LAGGED, MASS = range(len(STATES))
 CURRENT = len(STATES)  # column of the motor current in the output of `run`
-COLUMNS = CURRENT + 1
+BETWEEN = CURRENT + 1  # three columns: terminal voltage at the quarters of the interval that begins here
+COLUMNS = BETWEEN + 3
 _LAG_STEP = 1.5  # RK4 is stable up to 2.8 time constants of the current lag in one step
 _MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval cannot be simulated
 
@@ -140,7 +141,8 @@ def run(t, commands, late, fine, theta, p, start, out):
 
     t: (n,) s. commands, late: (n, 4) the command, and the command as the proportional path sees it, at the quarters
     of the interval from each sample on [rad/s]. fine: (n,) whether that interval needs two steps. theta: (n,) deg.
-    p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 9), the states and the motor current.
+    p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 12), the states, the motor
+    current, and the terminal voltage at the quarters of the interval where something asks for it.
     """
     n = t.size
     w, I, x, phi = start[0], start[1], start[2], start[3]
@@ -157,8 +159,10 @@ def run(t, commands, late, fine, theta, p, start, out):
             break
         dt = t[j + 1] - t[j]
         end, late_end = commands[j + 1, 0], late[j + 1, 0]
-        if extended and p[a.CURRENT_LAG] > 0.0:
-            pieces = min(max(2, math.ceil(dt / (_LAG_STEP * p[a.CURRENT_LAG]))), _MOST_PIECES)
+        if extended and (p[a.CURRENT_LAG] > 0.0 or p[a.VOLTAGE_DELAY] != 0.0):
+            pieces = 4
+            if p[a.CURRENT_LAG] > 0.0:
+                pieces = min(4 * math.ceil(dt / (4.0 * _LAG_STEP * p[a.CURRENT_LAG])), _MOST_PIECES)
             c0, l0 = commands[j, 0], late[j, 0]
             for m in range(pieces):
                 c1 = _within(commands, j, end, (m + 0.5) / pieces)
@@ -169,6 +173,12 @@ def run(t, commands, late, fine, theta, p, start, out):
                     w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
                 )
                 c0, l0 = c2, l2
+                if 4 * (m + 1) % pieces == 0 and m + 1 < pieces:
+                    torque = a.applied_torque(
+                        math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p
+                    )
+                    i = _drive_current(w, I, c, h, low, l0, torque, w != 0.0, p)
+                    out[j, BETWEEN + 4 * (m + 1) // pieces - 1] = a.terminal_voltage(i, w, h, p)
         elif fine[j]:
             u = 0.5 * dt
             w, I, x, phi, c = _advance(
@@ -206,7 +216,7 @@ def _within(commands, j, end, share):
 def readings(t, states, p, out):
     """What the sensors show: voltage [V], current [A], position [m], with their delays, lags, gains and offsets.
 
-    t: (n,) s. states: (n, 9) from `run`. out: (n, 3). Lags and delays are exact for signals linear between samples.
+    t: (n,) s. states: (n, 12) from `run`. out: (n, 3). Lags and delays are exact for signals linear between samples.
     """
     n = t.size
     extended = p[a.EXTENDED] != 0.0
@@ -234,7 +244,7 @@ def readings(t, states, p, out):
     for j in range(n):
         out[j, 2] = a.shown_position(out[j, 2], p)
     if p[a.VOLTAGE_DELAY] != 0.0:
-        _delay(t, out[:, 0], p[a.VOLTAGE_DELAY])
+        _delay_voltage(t, states, p[a.VOLTAGE_DELAY], out)
     for j in range(n):
         out[j, 0] += p[a.VOLTAGE_OFFSET]
 
@@ -252,3 +262,27 @@ def _delay(t, y, delay):
             y[j] = y[0]
         elif k + 1 < t.size:
             y[j] = y[k] + (at - t[k]) / (t[k + 1] - t[k]) * (y[k + 1] - y[k])
+
+
+@compiled
+def _delay_voltage(t, states, delay, out):
+    """V(t - delay) into the first column of out, linear between the quarters of the sampling intervals."""
+    n = t.size
+    for j in range(n - 1, -1, -1):
+        at = t[j] - delay
+        k = j
+        while k > 0 and t[k] > at:
+            k -= 1
+        if t[k] > at:
+            out[j, 0] = out[0, 0]
+            continue
+        last = min(k + 1, n - 1)
+        if last == k:
+            continue
+        place = 4.0 * (at - t[k]) / (t[last] - t[k])
+        if place >= 4.0:
+            continue  # a negative delay asks for what comes later: the nearest sample stays
+        q = int(place)
+        left = out[k, 0] if q == 0 else states[k, BETWEEN + q - 1]
+        right = out[last, 0] if q == 3 else states[k, BETWEEN + q]
+        out[j, 0] = left + (place - q) * (right - left)

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi import actuator as a
 from observer_fi import simulate as s
@@ -20,6 +21,10 @@ from observer_fi.screening import Projector
 KNOTS = 9
 _LEVELS = 6
 _RIDGE = 1e-6
+_SETTLING_S = (1.5, 5.0, 20.0)
+_REST_S = 0.05
+_REST_CURRENT = 2e-3  # A: a rest whose current changed by more has slipped,
+_SLIPPED_M = 4e-6  # by a few motor radians
 _FREQUENCIES = np.arange(0.1, 6.0, 0.02)
 EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
 
@@ -55,6 +60,8 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     given = regressors(experiment, states)
     shapes = [(name, *_basis(name, values)) for name, values in given.items()]
     shapes.append(("pitch", *_pitch_by_speed(given["pitch"], given["speed"])))
+    since = experiment.t - experiment.t.min()
+    shapes.append(("time", np.array(_SETTLING_S), np.array([np.exp(-since / tau) for tau in _SETTLING_S])))
     shapes.append(("time", *_wave(experiment, projector, fitted, states)))
     for regressor, at, basis in shapes:
         for equation in EQUATIONS:
@@ -171,7 +178,9 @@ def response(
 
 
 @compiled
-def _respond(t, mode, h, kind, forcing, p, out):
+def _respond(
+    t: Array, mode: NDArray[np.int64], h: Array, kind: int, forcing: Array, p: Array, out: Array
+) -> None:
     n, K = forcing.shape
     dw, dI, dx = np.zeros(K), np.zeros(K), np.zeros(K)
     J = a.inertia(p)
@@ -241,3 +250,35 @@ def _judge(
     band[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
     share = held_out / excess if excess > 0.0 else 0.0
     return Smooth(equation, regressor, directed, gain, held_out, min(max(share, 0.0), 1.0), at, curve, band)
+
+
+def rest_jumps(experiment: Experiment, excess: float) -> Smooth | None:
+    """Position readings that jump with the pitch while the mass rests: the slope between one move and the next.
+
+    None where no rest sees the pitch change. held_out is the gain of the slope, unexplained by any model.
+    """
+    rows = []
+    for m in range(1, experiment.moves):
+        if experiment.log[m] != experiment.log[m - 1]:
+            continue
+        last, first = experiment.rows(m - 1), experiment.rows(m)
+        t = experiment.t[last]
+        end = slice(last.start + int(np.searchsorted(t, t[-1] - _REST_S)), last.stop)
+        seen = experiment.weight[end, 1:] > 0.0
+        if not seen.all():
+            continue
+        i0, x0 = experiment.z[end, 1:].mean(axis=0)
+        i1, x1 = experiment.rest[m]
+        std = experiment.noise[2] * math.sqrt(1.0 / (end.stop - end.start) + 1.0 / experiment.moving[m])
+        std = math.hypot(std, _SLIPPED_M if abs(i1 - i0) > _REST_CURRENT else 0.0)
+        tilt = experiment.theta[first.start] - experiment.theta[end.start]
+        rows.append((tilt / std, (x1 - x0) / std))
+    a_, b_ = np.array(rows).reshape(-1, 2).T
+    if not a_.any():
+        return None
+    slope = float(a_ @ b_ / (a_ @ a_))
+    gain = 0.5 * slope * float(a_ @ b_)
+    at = np.array([experiment.theta.min(), experiment.theta.max()])
+    band = np.abs(at) / math.sqrt(float(a_ @ a_))
+    share = min(gain / max(excess, gain), 1.0)
+    return Smooth("sensor:position", "pitch", False, gain, gain, share, at, slope * at, band)
