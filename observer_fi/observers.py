@@ -285,6 +285,10 @@ class Ukf(Observer, UnscentedKalmanFilter):
         if np.isnan(u.dt):
             self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
 
+    def _start_anew(self) -> None:
+        super()._start_anew()
+        self.sigmas_f = self.points_fn.sigma_points(self.x, self.P)
+
     def _advance(self, u: Step) -> None:
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
         mean = self.x[None].copy()
@@ -425,8 +429,9 @@ class FilterpyBank:
         seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
         for k in range(n):
             dt = min(log.t[k] - self.t, SKIPPED_S) if np.isfinite(self.t) else np.nan
-            imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
-            imm.update(log.z[k])
+            with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis whose numbers overflow starts anew
+                imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
+                imm.update(log.z[k])
             self.t = log.t[k]
             mu[k] = imm.mu
             nis[k], density[k], strain[k] = np.array(
