@@ -23,11 +23,13 @@ from observer_fi.settings import BankSettings
 from observer_fi.unscented import UnscentedWork
 
 REST_VARIANCE = tr.REST_VARIANCE
-START_ROWS, START_READINGS = 64, 5  # samples looked at for the first readings of a channel, and how many count
+START_ROWS, START_READINGS = (
+    64,
+    5,
+)  # samples looked at for the first readings of a channel, and how many count
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
 UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed
 SKIPPED_S = 0.1  # of a gap in the clock that LogStream did not fill, this much is integrated
-_LOG_UNREACHED = math.log(UNREACHED)
 
 
 class BankState(NamedTuple):
@@ -59,11 +61,10 @@ class Tuning(NamedTuple):
     failed: Array
     glitch: float
     glitch_samples: float
-    unscented: bool
     longest: float
 
 
-def tuning(settings: BankSettings, unscented: bool = False) -> Tuning:
+def tuning(settings: BankSettings) -> Tuning:
     """The loop's numbers from the settings."""
     failed = np.array(
         [settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale]
@@ -76,7 +77,6 @@ def tuning(settings: BankSettings, unscented: bool = False) -> Tuning:
         failed,
         settings.glitch_sigma,
         float(settings.glitch_samples),
-        unscented,
         SKIPPED_S,
     )
 
@@ -137,7 +137,7 @@ def _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P):
 
 
 @inlined
-def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
+def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, reached):
     """IMM mixing: moments of every hypothesis before the step, from x, P, bias into to_x, to_P, to_bias.
 
     Source: Blom and Bar-Shalom (1988). States that a source lacks come from the target's entry prior. mu (m,) mode
@@ -150,7 +150,7 @@ def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, log_c):
         c = 0.0
         for i in range(m):
             c += M[i, j] * mu[i]
-        log_c[j] = math.log(c)
+        reached[j] = c
         for k in range(n):
             to_x[j, k] = 0.0
             for q in range(k + 1):
@@ -251,7 +251,26 @@ def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, 
 
 @inlined
 def _update(
-    j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, theta, tune, y, H, seen, spread, work
+    j,
+    b,
+    p,
+    x,
+    P,
+    slow,
+    bias,
+    z,
+    row,
+    previous,
+    last_y,
+    glitches,
+    w_cmd,
+    theta,
+    tune,
+    y,
+    H,
+    seen,
+    spread,
+    work,
 ):
     """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
 
@@ -321,14 +340,14 @@ def _update(
             + h1 * (x[j, 1] - work[0, 1])
             + h2 * (x[j, 2] - work[0, 2])
         )
-        spread = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
+        variance = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
         if at_v >= 0:
             hv = H[failed, 3]
             expected += hv * (x[j, at_v] - work[0, at_v])
-            spread += hv * (
+            variance += hv * (
                 hv * P[j, at_v, at_v] + 2.0 * (h0 * P[j, 0, at_v] + h1 * P[j, 1, at_v] + h2 * P[j, 2, at_v])
             )
-        spread += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
+        variance += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
         change = (
             tune.timing * (y[j, failed] - last_y[j, failed])
             if last_y[j, failed] == last_y[j, failed]
@@ -337,27 +356,28 @@ def _update(
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
         sigma = math.sqrt(b.noise[failed] + change * change)
         log_density += tr.failed_channel(
-            j, z[row, failed], before, expected, spread, sigma, bias, tune.failed
+            j, z[row, failed], before, expected, variance, sigma, bias, tune.failed
         )
     return log_density, nis
 
 
 @inlined
-def _posterior(log_mu, log_c, log_density, mu):
-    """Mode probabilities from the predicted ones and the densities, into log_mu and mu (m,)."""
+def _posterior(reached, log_density, mu):
+    """Mode probabilities from the predicted ones and the densities, into mu (m,).
+
+    Densities are taken relative to the largest, in logs: of two hypotheses that both explain nothing, -742 still beats
+    -821.
+    """
     m = mu.size
     top = -math.inf
     for j in range(m):
-        log_mu[j] = log_c[j] + log_density[j]
-        top = max(top, log_mu[j])
+        top = max(top, log_density[j])
     total = 0.0
     for j in range(m):
-        mu[j] = math.exp(log_mu[j] - top)
+        mu[j] = reached[j] * math.exp(log_density[j] - top)
         total += mu[j]
-    shift = math.log(total)
     for j in range(m):
         mu[j] = max(mu[j] / total, UNREACHED)
-        log_mu[j] = max(log_mu[j] - top - shift, _LOG_UNREACHED)
 
 
 @inlined
@@ -366,15 +386,16 @@ def _strain(j, b, x):
     worst = 0.0
     for k in range(3, b.layout[j, tr.SIZE]):
         if b.own[j, k]:
-            worst = max(worst, abs(x[j, k] - b.entry_mean[j, k]) / math.sqrt(b.entry_var[j, k]))
-    return worst
+            off = x[j, k] - b.entry_mean[j, k]
+            worst = max(worst, off * off / b.entry_var[j, k])
+    return math.sqrt(worst)
 
 
 class Scratch(NamedTuple):
     """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
 
     to_x (m, n), to_P (m, n, n), to_bias (m, 2): the other side of mixing; M (m, m); p (VECTOR_SIZE,); mu, log_density,
-    log_c (m,); y, seen, spread (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
+    reached (m,); y, seen, spread (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
     square (2, m, m); unscented: see there; mixed (1,): the time step that M belongs to, which outlasts a call.
     """
 
@@ -385,7 +406,7 @@ class Scratch(NamedTuple):
     p: Array
     mu: Array
     log_density: Array
-    log_c: Array
+    reached: Array
     y: Array
     seen: Array
     spread: Array
@@ -413,7 +434,9 @@ def scratch(b: BankArrays) -> Scratch:
 
 @inlined
 def _start_anew(j, b, state):
-    tr.start_anew(j, b.layout[j, tr.SIZE], state.x, state.P, state.slow, b.entry_mean, b.entry_var, state.z[2])
+    tr.start_anew(
+        j, b.layout[j, tr.SIZE], state.x, state.P, state.slow, b.entry_mean, b.entry_var, state.z[2]
+    )
     state.bias[j, 0] = 0.0
     state.bias[j, 1] = b.noise[b.failed[j]] if b.failed[j] >= 0 else 0.0
 
@@ -429,115 +452,140 @@ def _copy_back(b, state, scr):
         state.bias[j, 0], state.bias[j, 1] = scr.to_bias[j, 0], scr.to_bias[j, 1]
 
 
+@inlined
+def _begin(b, tune, state, scr, dt, mixing):
+    """Mix the hypotheses where the sample counts as evidence."""
+    if not mixing:
+        return
+    if abs(dt - scr.mixed[0]) > 1e-9 * dt:
+        tr.mode_transition(b.rates, dt, scr.M, scr.square)
+        scr.mixed[0] = dt
+    entry = tune.bias_entry * tune.bias_entry
+    _mix(b, entry, scr.M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.reached)
+    _copy_back(b, state, scr)
+
+
+@inlined
+def _check(j, b, state, lost):
+    """Start hypothesis j anew where it has lost the plant; whether it has."""
+    if lost or tr.lost(j, b.layout[j, tr.SIZE], state.x, state.P):
+        _start_anew(j, b, state)
+        return True
+    return False
+
+
+@inlined
+def _finish(b, state, scr, mixing, k, z, w_cmd, out_mu, out_y, out_seen, out_states, out_density, out_strain):
+    """Posterior of sample k and everything that is written of it."""
+    if mixing:
+        _posterior(scr.reached, scr.log_density, scr.mu)
+    best = 0
+    for j in range(scr.mu.size):
+        out_mu[k, j] = scr.mu[j]
+        out_density[k, j] = scr.log_density[j]
+        out_strain[k, j] = _strain(j, b, state.x)
+        if scr.mu[j] > scr.mu[best]:
+            best = j
+        for c in range(3):
+            out_y[k, j, c] = scr.y[j, c]
+            state.predicted[j, c] = scr.y[j, c]
+    for c in range(3):
+        out_seen[k, c] = scr.seen[best, c] / math.sqrt(scr.spread[best, c])
+        out_states[k, c] = state.x[best, c]
+        if z[k, c] == z[k, c]:
+            state.z[c] = z[k, c]
+    out_states[k, 3] = w_cmd[k]
+
+
+@inlined
+def _probabilities(state, scr):
+    total = 0.0
+    for j in range(scr.mu.size):
+        scr.mu[j] = math.exp(state.log_mu[j])
+        total += scr.mu[j]
+    for j in range(scr.mu.size):
+        scr.mu[j] /= total
+
+
 @uncounted
 def run(
-    b,
-    tune,
-    state,
-    scr,
-    t,
-    interval,
-    w_cmd,
-    theta,
-    z,
-    active,
-    out_mu,
-    out_nis,
-    out_y,
-    out_seen,
-    out_states,
-    out_density,
-    out_strain,
-):
-    """Advance the bank over n samples; every out array is filled and `state` updated in place.
+    b, tune, state, scr, t, interval, w_cmd, theta, z, active,
+    out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain,
+):  # fmt: skip
+    """Advance a bank of extended filters over n samples; every out array is filled and `state` updated in place.
 
     t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the
     sample [rad/s]; theta (n,) deg; z (n, 3); active (n,) whether a sample counts as evidence.
     out_mu (n, m) probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4),
     out_density (n, m) log-densities, out_strain (n, m) see `_strain`.
     """
-    m, n = state.x.shape
-    before = state.t[0]
-    entry, creep = tune.bias_entry * tune.bias_entry, tune.bias_diffusion * tune.bias_diffusion
-    total = 0.0
-    for j in range(m):
-        scr.mu[j] = math.exp(state.log_mu[j])
-        total += scr.mu[j]
-    for j in range(m):
-        scr.mu[j] /= total
+    m, before = scr.mu.size, state.t[0]
+    creep = tune.bias_diffusion * tune.bias_diffusion
+    _probabilities(state, scr)
     for k in range(t.size):
-        dt = t[k] - before
-        first = dt != dt
-        if dt > tune.longest:
-            dt = tune.longest
-        before = t[k]
+        dt = min(t[k] - before, tune.longest) if before == before else before
+        first, before = before != before, t[k]
         mixing = active[k] and not first
-        if mixing:
-            if abs(dt - scr.mixed[0]) > 1e-9 * dt:
-                tr.mode_transition(b.rates, dt, scr.M, scr.square)
-                scr.mixed[0] = dt
-            _mix(
-                b,
-                entry,
-                scr.M,
-                scr.mu,
-                state.x,
-                state.P,
-                state.bias,
-                scr.to_x,
-                scr.to_P,
-                scr.to_bias,
-                scr.log_c,
-            )
-            _copy_back(b, state, scr)
+        _begin(b, tune, state, scr, dt, mixing)
         for j in range(m):
             if not first:
-                if tune.unscented:
-                    unscented.predict(
-                        j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.unscented
-                    )
-                else:
-                    _predict(
-                        j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility, scr.g, scr.F, scr.T
-                    )
+                _predict(
+                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility,
+                    scr.g, scr.F, scr.T,
+                )  # fmt: skip
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
-            lost = tr.lost(j, b.layout[j, tr.SIZE], state.x, state.P)
-            if lost:
-                _start_anew(j, b, state)
-            if tune.unscented:
-                scr.log_density[j], out_nis[k, j] = unscented.update(
-                    j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
-                    w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.unscented,
-                )  # fmt: skip
-            else:
-                scr.log_density[j], out_nis[k, j] = _update(
-                    j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
-                    w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
-                )  # fmt: skip
-            if not (scr.log_density[j] > tr.LOST):
-                _start_anew(j, b, state)
-                lost = True
-            if lost:
-                scr.log_density[j] = tr.LOST
-        if mixing:
-            _posterior(state.log_mu, scr.log_c, scr.log_density, scr.mu)
-        best = 0
+            lost = _check(j, b, state, False)
+            density, out_nis[k, j] = _update(
+                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
+            )  # fmt: skip
+            if not (density > tr.LOST):
+                lost = _check(j, b, state, True)
+            scr.log_density[j] = tr.LOST if lost else density
+        _finish(
+            b, state, scr, mixing, k, z, w_cmd, out_mu, out_y, out_seen, out_states, out_density, out_strain
+        )
+    for j in range(m):
+        state.log_mu[j] = math.log(scr.mu[j])
+    state.t[0] = before
+
+
+@uncounted
+def run_unscented(
+    b, tune, state, scr, t, interval, w_cmd, theta, z, active,
+    out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain,
+):  # fmt: skip
+    """As `run`, with unscented filters. A loop of its own, so that only the filter in use is compiled."""
+    m, before = scr.mu.size, state.t[0]
+    creep = tune.bias_diffusion * tune.bias_diffusion
+    _probabilities(state, scr)
+    for k in range(t.size):
+        dt = min(t[k] - before, tune.longest) if before == before else before
+        first, before = before != before, t[k]
+        mixing = active[k] and not first
+        _begin(b, tune, state, scr, dt, mixing)
         for j in range(m):
-            out_mu[k, j] = scr.mu[j]
-            out_density[k, j] = scr.log_density[j]
-            out_strain[k, j] = _strain(j, b, state.x)
-            if scr.mu[j] > scr.mu[best]:
-                best = j
-            for c in range(3):
-                out_y[k, j, c] = scr.y[j, c]
-                state.predicted[j, c] = scr.y[j, c]
-        for c in range(3):
-            out_seen[k, c] = scr.seen[best, c] / math.sqrt(scr.spread[best, c])
-            out_states[k, c] = state.x[best, c]
-            if z[k, c] == z[k, c]:
-                state.z[c] = z[k, c]
-        out_states[k, 3] = w_cmd[k]
+            if not first:
+                unscented.predict(
+                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility,
+                    scr.unscented,
+                )  # fmt: skip
+                if b.failed[j] >= 0:
+                    state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
+            lost = _check(j, b, state, False)
+            density, out_nis[k, j] = unscented.update(
+                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.unscented,
+            )  # fmt: skip
+            if not (density > tr.LOST):
+                lost = _check(j, b, state, True)
+            scr.log_density[j] = tr.LOST if lost else density
+        _finish(
+            b, state, scr, mixing, k, z, w_cmd, out_mu, out_y, out_seen, out_states, out_density, out_strain
+        )
+    for j in range(m):
+        state.log_mu[j] = math.log(scr.mu[j])
     state.t[0] = before
 
 
@@ -560,7 +608,8 @@ class Bank:
         self.settings = settings
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
         self.arrays = arrays(self.hypotheses, rig, settings)
-        self.tuning = tuning(settings, unscented=filter_kind == "ukf")
+        self.tuning = tuning(settings)
+        self.run = run_unscented if filter_kind == "ukf" else run
         self.scratch = scratch(self.arrays)
         self.state: BankState | None = None
         self.recent: Recent | None = None
@@ -583,7 +632,7 @@ class Bank:
             if n > 1:
                 self.snapshots.append((float(log.t[first]), self._nominal(self.state)))
             b = slice(first, first + BLOCK)
-            run(
+            self.run(
                 self.arrays, self.tuning, self.state, self.scratch, log.t[b], interval[b], w_cmd[b], log.pitch[b], log.z[b],
                 active[b], mu[b], nis[b], y[b], seen[b], states[b], density[b], strain[b],
             )  # fmt: skip

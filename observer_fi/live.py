@@ -73,7 +73,7 @@ class LiveBank(kernels.Bank):
         (t, w_cmd, pitch, z, late, interval, active, *out), estimate = self._views(n)
         self.commands.fill(t, w_cmd, late, interval)
         active[:] = kernels.under_way(interval, late)
-        kernels.run(
+        self.run(
             self.arrays, self.tuning, self.state, self.scratch, t, interval, late, pitch, z, active, *out,
         )  # fmt: skip
         self.samples.t, self.samples.w, self.samples.theta = rows[-1].t, rows[-1].w_cmd, rows[-1].pitch
