@@ -10,7 +10,7 @@ import numpy as np
 from observer_fi import explain, kernels, sketch
 from observer_fi.columns import ColumnMap
 from observer_fi.hypotheses import Hypothesis
-from observer_fi.ingest import CHUNK_ROWS, LogFile, log_name, open_log, read_log
+from observer_fi.ingest import CHUNK_ROWS, log_name, open_log, read_log
 from observer_fi.isolate import EventTracker, Isolator, Run, label_of, tested
 from observer_fi.mixture import Mixture
 from observer_fi.models import Rig
@@ -55,31 +55,28 @@ def diagnose(
     Raises InvalidLogError with the one line for the user.
     """
     file = open_log(path, columns)
+    recovered = None if file.has_command else _recovered(path, rig, columns)
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
-    for log in chunks(file, path, rig, columns):
+    for log in file.chunks() if recovered is None else _pieces(recovered):
         run.add(log)
-    facts: dict[str, Any] = {"sha256": file.sha256, "metadata": file.metadata}
-    if file.has_command:
-        whole = file.summary
-        facts |= {
-            "gaps": whole.gaps,
-            "rejected": whole.rejected,
-            "rejected_count": whole.rejected_count,
-            "notes": whole.notes,
-        }
+    whole = file.summary if recovered is None else recovered
+    facts: dict[str, Any] = {
+        "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
+        "rejected_count": whole.rejected_count, "notes": whole.notes,
+    }  # fmt: skip
     return run.outcome(log_name(path), facts)
 
 
-def chunks(file: LogFile, path: str | Path, rig: Rig, columns: ColumnMap | None) -> Iterator[Log]:
-    """The log in chunks; whole where its command has to be recovered first."""
-    if file.has_command:
-        yield from file.chunks()
-        return
+def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
+    """The whole log with the command that its data show, noted."""
     from observer_fi.command_recovery import recover_command
 
-    whole = recover_command(read_log(path, columns), rig.model)
-    for first in range(0, whole.t.size, CHUNK_ROWS):
-        yield _part(whole, slice(first, first + CHUNK_ROWS))
+    return recover_command(read_log(path, columns), rig.model)
+
+
+def _pieces(log: Log) -> Iterator[Log]:
+    for first in range(0, log.t.size, CHUNK_ROWS):
+        yield _part(log, slice(first, first + CHUNK_ROWS))
 
 
 def diagnose_log(
@@ -143,15 +140,18 @@ class Diagnosis:
 
     def _look_for_onsets(self, tracker: EventTracker) -> None:
         """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""
+        d = self.settings.decision
         for j, run in {**tracker.latched, **tracker.certain}.items():
-            key = (tracker.start_s, j)
-            if j == 0 or (key in self.onsets and self.onsets[key][0] == run.since):
+            key, last = (tracker.start_s, j), run.since + d.onset_after_s
+            if j == 0 or (key in self.onsets and self.onsets[key][0] == (run.since, True)):
                 continue
-            d = self.settings.decision
             first = max(tracker.start_s, min(run.detected, run.since) - d.onset_before_s)
-            found = onset_in(self.keeper, self.bank.hypotheses[j], first, run.since + d.onset_after_s)
+            found = onset_in(self.keeper, self.bank.hypotheses[j], first, last)
             if found is not None:
-                self.onsets[key] = (run.since, found)
+                self.onsets[key] = (
+                    (run.since, self.last >= last),
+                    found,
+                )  # again, where samples are still to come
 
     def _point_of_interest(self, e: Estimate) -> float | None:
         """What the zoom shows: the first fault's onset, else the first start of a move."""

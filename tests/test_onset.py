@@ -16,7 +16,7 @@ SETTINGS = BankSettings()
 
 
 def found(
-    seed: int, label: str, before: float = 0.2, after: float = 0.2, chunk: int | None = None
+    seed: int, label: str, before: float = 0.1, after: float = 0.15, chunk: int | None = None
 ) -> tuple[float, Onset]:
     """True onset, and the one found between two times around it."""
     frame, truth = make_log(draw_move_case(seed, label), seed)
@@ -42,15 +42,15 @@ def found(
 def test_onsets_are_found_and_their_intervals_hold_the_truth(
     label: str, median_ms: float, width_ms: float
 ) -> None:
-    """24 seeds: 95 % intervals miss at most 4 (p = 0.03 of more), errors are not on one side."""
-    truth, posterior = zip(*(found(seed, label) for seed in range(24)), strict=True)
+    """16 seeds: 95 % intervals miss at most 3 (p = 0.007 of more), errors are not on one side."""
+    truth, posterior = zip(*(found(seed, label) for seed in range(16)), strict=True)
     at = np.array(truth)
     median, low, high = np.array(posterior).T
-    assert ((low <= at) & (at <= high)).sum() >= 20
+    assert ((low <= at) & (at <= high)).sum() >= 13
     assert 1e3 * np.median(np.abs(median - at)) < median_ms
     assert 1e3 * np.median(high - low) < width_ms
     assert (low <= median).all() and (median <= high).all()
-    assert 4 <= (median > at).sum() <= 20  # 12 +- 2.4 expected of an unbiased one
+    assert 2 <= (median > at).sum() <= 14  # 8 +- 2 expected of an unbiased one
 
 
 def test_windows_and_chunks_matter_little() -> None:
