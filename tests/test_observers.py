@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from filterpy.kalman import rts_smoother as filterpy_rts
+from hypothesis import given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays_of
 from moves import case, cut, holed, move, onset, rows
 from scipy.linalg import cholesky, expm
 
@@ -86,6 +90,22 @@ def test_chunks_of_the_filterpy_bank_equal_the_whole() -> None:
     )
 
 
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@examples(max_examples=10)
+@given(data=st.data())
+def test_no_input_makes_the_filterpy_bank_unlawful(kind: str, data: st.DataObject) -> None:
+    n = data.draw(st.integers(2, 10))
+    z = data.draw(arrays_of.arrays(float, (n, 3), elements=st.floats(allow_nan=True, allow_infinity=True)))
+    w_cmd = np.array(
+        data.draw(st.lists(st.sampled_from([0.0, 410.0, -1e300, np.nan]), min_size=n, max_size=n))
+    )
+    log = Log("any", np.arange(n) * DT, z, w_cmd, np.full(n, 5.0))
+    got = FilterpyBank(RIG, SETTINGS, filter_kind=kind).advance(log)
+    np.testing.assert_allclose(got.probability.sum(axis=1), 1.0, rtol=0.0, atol=1e-9)
+    for name in ("probability", "nis", "predicted", "states", "density"):
+        assert np.isfinite(getattr(got, name)).all(), name
+
+
 def test_unknown_kind_of_filter_is_named() -> None:
     for make in (FilterpyBank, kernels.Bank):
         with pytest.raises(ValueError, match="one of ekf, ukf, got 'pf'"):
@@ -110,7 +130,9 @@ def test_density_counts_every_channel_where_filterpy_drops_small_eigenvalues() -
         drops.append(plain.log_likelihood)
         f.update(z)
         counts.append(f.log_density)
-    assert abs((drops[0] - drops[1]) - 0.5 * 20**2) > 50.0  # the trap: nothing, or minus infinity where scipy notices
+    assert (
+        abs((drops[0] - drops[1]) - 0.5 * 20**2) > 50.0
+    )  # the trap: nothing, or minus infinity where scipy notices
     assert counts[0] - counts[1] == pytest.approx(0.5 * 20**2, rel=0.02)
 
 
@@ -318,7 +340,7 @@ def test_a_covariance_that_rounding_spoilt_still_has_sigma_points() -> None:
     sharp = models.Rig(RIG.name, "", RIG.drive, RIG.quantities, RIG.noise | {"position": 1e-8})
     settings = BankSettings(augment=False, glitch_sigma=1e12)
     f = Ukf(bank(sharp, settings)[0], sharp, settings)
-    assert (f.P == np.eye(3)).all()
+    assert (np.eye(3) == f.P).all()
     f.x[0] = 300.0
     for k in range(50):
         f.predict(STEADY)
