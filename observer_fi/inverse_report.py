@@ -1,0 +1,156 @@
+"""Fits and ladders of force-driven rigs as Markdown: tables of numbers that other modules computed."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from observer_fi.actuator import PARAMETERS
+from observer_fi.inverse import Solution
+from observer_fi.inverse_columns import Sharing
+from observer_fi.inverse_improve import findings, refitted
+from observer_fi.inverse_naming import Ladder
+from observer_fi.inverse_vocabulary import Candidate
+from observer_fi.models import Rig
+from observer_fi.records import Fit, Parameter
+
+# unit in the equations: unit at the mass, power of D by which a value is divided
+AT_MASS = {
+    "kg m^2": ("kg", 2),
+    "N m": ("N", 1),
+    "N m s/rad": ("N s/m", 2),
+    "N m/m": ("N/m", 1),
+    "N m/m^2": ("N/m^2", 1),
+    "N m/deg": ("N/deg", 1),
+    "rad/s": ("m/s", -1),
+}
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table; floats as they are given, so format them before."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def at_mass(parameter: Parameter, D: float) -> tuple[float, float, float, str]:
+    """Value, standard error and earlier value of a parameter as force at the mass, and the unit."""
+    unit, power = AT_MASS.get(parameter.unit, (parameter.unit, 0))
+    scale = D**-power
+    return parameter.value * scale, parameter.std * scale, parameter.prior * scale, unit
+
+
+def rounded(value: float, std: float) -> str:
+    """value +- std with two digits of the standard error."""
+    if not math.isfinite(std) or std <= 0.0:
+        return f"{value:.4g}"
+    digits = max(1 - math.floor(math.log10(std)), 0)
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def fit_table(fit: Fit, rig: Rig) -> str:
+    """Parameters of a fit against those of the rig file, in the units of the equations and at the mass."""
+    rows = []
+    for p in fit.parameters:
+        value, std, prior, unit = at_mass(p, rig.model["D"])
+        rows.append(
+            (f"`{p.name}`", f"{p.value:.5g} {p.unit}", f"{rounded(value, std)} {unit}", f"{prior:.5g} {unit}")
+        )
+    return table(("parameter", "value", "at the mass", "rig file"), rows)
+
+
+def findings_table(ladder: Ladder, judged: Sequence[float]) -> str:
+    """The causes in the order in which they were accepted; judged: residual on a part not learned from, after each step."""
+    rows = []
+    named = iter(findings(ladder))
+    for k, rung in enumerate(ladder.rungs, start=1):
+        for candidate in rung.candidates:
+            found = next(named)
+            sizes = "; ".join(_size(p, ladder.rig.model["D"]) for p in found.parameters)
+            rivals = ", ".join(found.indistinguishable_from) or "-"
+            step = f"{k}" if len(rung.candidates) == 1 else f"{k} (pair)"
+            rows.append(
+                (step, f"`{found.cause}`", _form(candidate, found.parameters), sizes, f"{found.delta_bic:.0f}",
+                 f"{rung.before:.2f} → {rung.after:.2f}", f"{judged[k - 1]:.2f}", rivals)
+            )  # fmt: skip
+    return table(
+        ("step", "cause", "form", "size", "ΔBIC", "held out [%]", "judged [%]", "cannot be told from"), rows
+    )
+
+
+def _form(candidate: Candidate, parameters: Iterable[Parameter]) -> str:
+    """The form in words; a local friction that falls towards standstill is not what Stribeck described, so say so."""
+    falls = any(p.name == "stribeck_torque" and p.value < 0.0 for p in parameters)
+    return candidate.variant + (": friction falls towards standstill" if falls else "")
+
+
+def _size(parameter: Parameter, D: float) -> str:
+    value, std, prior, unit = at_mass(parameter, D)
+    if unit in ("s", "m", "m/s"):
+        value, std, prior, unit = 1e3 * value, 1e3 * std, 1e3 * prior, "m" + unit
+    before = f" (rig file {prior:.3g})" if prior and parameter.name == "input_delay" else ""
+    return f"{parameter.name} {rounded(value, std)} {unit}{before}".removesuffix(" 1")
+
+
+def separation_list(ladder: Ladder) -> str:
+    """What to record to tell each cause from its rivals."""
+    return "".join(f"- `{f.cause}`: {f.separate_by}\n" for f in findings(ladder))
+
+
+def refused_table(ladder: Ladder, D: float) -> str:
+    """Causes that were not found, with the smallest size that these logs would have shown."""
+    rows, seen = [], set()
+    for score in ladder.refused:
+        cause = score.candidate.cause
+        if cause in seen:
+            continue
+        seen.add(cause)
+        sizes = []
+        for name, size in score.detectable.items():
+            unit = PARAMETERS[name][0]
+            at, power = AT_MASS.get(unit, (unit, 0))
+            sizes.append(
+                f"{name} {size * D**-power:.2g} {at}"
+                if math.isfinite(size)
+                else f"{name}: not detectable here"
+            )
+        net = f"{score.net:.0f}" if math.isfinite(score.net) else "-"
+        rows.append((f"`{cause}`", score.candidate.variant, net, "; ".join(sizes)))
+    return table(("cause", "form", "ΔBIC", "smallest size these logs would show"), rows)
+
+
+def refit_table(ladder: Ladder) -> str:
+    """Parameters that only moved: those of the rig file that no finding speaks of."""
+    D = ladder.rig.model["D"]
+    rows = []
+    for p in refitted(ladder):
+        value, std, prior, unit = at_mass(p, D)
+        rows.append((f"`{p.name}`", f"{rounded(value, std)} {unit}", f"{prior:.5g} {unit}"))
+    return table(("refitted", "value", "rig file"), rows)
+
+
+def unexplained_table(ladder: Ladder) -> str:
+    """What the rest of the residual depends on."""
+    rows = [(name, f"{100 * share:.0f} %") for name, share in ladder.unexplained]
+    return table(("regressor", "share of the residual's variance"), rows)
+
+
+def per_log_table(solution: Solution, D: float) -> str:
+    """Coefficients that belong to one log: ripple amplitude and phase, departure of the friction level."""
+    rows = []
+    values = {
+        (c.term.name, c.log): float(th) / D
+        for c, th in zip(solution.coefficients, solution.theta, strict=True)
+    }
+    for (name, log), value in values.items():
+        if name.endswith("_sin"):
+            other = values[(name.replace("_sin", "_cos"), log)]
+            size = f"{math.hypot(value, other):.2f} N at {math.degrees(math.atan2(other, value)):.0f} deg"
+            rows.append((name.removesuffix("_sin"), log, size))
+    for c, th in zip(solution.coefficients, solution.theta, strict=True):
+        if c.term.sharing is Sharing.CONTRAST:
+            rows.append(("friction level, from the mean of the logs", c.log, f"{float(th) / D:+.2f} N"))
+    return table(("what", "log", "value"), rows) if rows else ""
+
+
+def scores_table(head: Sequence[str], scores: Mapping[str, Sequence[float]]) -> str:
+    """Models against columns of numbers."""
+    return table(("model", *head), [(name, *(f"{v:.2f}" for v in row)) for name, row in scores.items()])
