@@ -1,0 +1,136 @@
+"""The study of `pipelines/diagnose_study.py`: a small one in every run, a large one in `make slow`. Independent truth."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipelines import diagnose_study as d
+
+SMALL = 10  # moves of each class
+
+
+@pytest.fixture(scope="module")
+def few() -> pd.DataFrame:
+    return d.study(d.jobs(d.NAMED, SMALL))
+
+
+def test_thirty_moves_are_right(few: pd.DataFrame) -> None:
+    assert few["right"].all(), d.wrong(few)
+    assert not (few["isolated_ms"] < 0.0).any()
+
+
+def test_thirty_moves_are_isolated_fast_and_placed_well(few: pd.DataFrame) -> None:
+    """The medians asked of 300 moves, with room for 10: a median of 10 may be 1.4 times that of all."""
+    for label, delay_ms in (("overload", 50.0), ("coupling_loss", 14.0)):
+        g = few[few["label"] == label]
+        assert g["isolated_ms"].median() < delay_ms
+        assert g["found_ms"].abs().median() < 15.0
+
+
+def test_thirty_moves_are_consistent(few: pd.DataFrame) -> None:
+    assert few["nis"].between(2.7, 3.2).all()  # 3 expected, less what starts leave in doubt
+
+
+def test_the_report_holds_every_table(few: pd.DataFrame) -> None:
+    other = d.study(d.jobs(d.OTHER, 2))
+    off = d.study(d.jobs(d.NAMED[:1], 1, (2.0,)))
+    text = d.report(few, other, off, d.calibration([d.Job("coupling_loss", d.FIRST_SEED)]))
+    for title in (
+        "Nominal, overload",
+        "Sensor faults",
+        "Calibration",
+        "Consistency",
+        "off",
+        "Every wrong verdict",
+    ):
+        assert f"## {title}" in text or title in text
+    assert text.isascii() and f"False alarms on healthy moves: 0 of {SMALL}" in text
+
+
+def test_a_job_is_repeated_by_its_seed() -> None:
+    one, two, other = (
+        d.spec_of(d.Job("overload", 7, 2.0)),
+        d.spec_of(d.Job("overload", 7, 2.0)),
+        d.spec_of(d.Job("overload", 7)),
+    )
+    assert one == two != other
+    assert other.rig.J == 4.7e-7 != one.rig.J
+    assert one.fault == other.fault
+
+
+def test_declared_alike_is_accepted_and_nothing_else() -> None:
+    row = pd.DataFrame(
+        [
+            {
+                "label": "unknown",
+                "kind": "resistance_jump",
+                "channel": None,
+                "said": "sensor_fault",
+                "said_channel": "voltage",
+            }
+        ]
+    )
+    accepted = {
+        (said, channel): d.acceptable(next(row.assign(said=said, said_channel=channel).itertuples()))
+        for said, channel in (
+            ("sensor_fault", "voltage"),
+            ("sensor_fault", "current"),
+            ("unknown", None),
+            ("overload", None),
+        )
+    }
+    assert list(accepted.values()) == [True, False, True, False]
+
+
+# --- the study -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def many() -> pd.DataFrame:
+    return d.study([*d.jobs(d.NAMED[:1], 200), *d.jobs(d.NAMED[1:], 100)])
+
+
+@pytest.mark.slow
+def test_four_hundred_moves(many: pd.DataFrame) -> None:
+    """Must show of the bank: 99 % right at the end of the log, medians of delay and onset, no false alarm in 200."""
+    assert many["right"].mean() >= 0.99, d.wrong(many)
+    assert many[many["label"] == "nominal"]["right"].all()
+    for label, delay_ms in (("overload", 50.0), ("coupling_loss", 10.0)):
+        g = many[many["label"] == label]
+        assert g["right"].mean() >= 0.99
+        assert g["isolated_ms"].median() <= delay_ms and g["found_ms"].abs().median() <= 15.0
+        assert (g["isolated_ms"] >= 0.0).all()
+        # 95 % intervals: 100 moves, 3 standard deviations of a share
+        assert g["covered"].mean() >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / len(g))
+
+
+@pytest.mark.slow
+def test_innovations_are_consistent(many: pd.DataFrame) -> None:
+    assert many["nis"].mean() == pytest.approx(2.95, abs=0.1)
+    assert (many["whiteness_p"] < 0.01).mean() < 0.1
+    assert many["whiteness_p"].median() > 0.3
+
+
+@pytest.mark.slow
+def test_probabilities_are_calibrated() -> None:
+    """Of samples with a stated probability, that share is right: within 4 of its own standard deviations of moves."""
+    table = d.calibration(d.jobs(d.NAMED, 40))
+    for row in table.itertuples():
+        spread = np.sqrt(
+            row._2 * (1.0 - row._2) / max(row.samples / 10.0, 1.0)
+        )  # samples of a move are alike
+        assert abs(row._2 - row._3) < 4.0 * spread + 0.01, table
+
+
+@pytest.mark.slow
+def test_what_is_outside_the_named_classes_is_not_taken_for_one_of_them() -> None:
+    other = d.study(d.jobs(d.OTHER, 60))
+    seen = other[~other["kind"].isin(d.NOT_SEEN)]
+    assert (seen["said"] != "nominal").mean() >= 0.99
+    assert seen["said"].isin(["sensor_fault", "unknown"]).mean() >= 0.9
+
+
+@pytest.mark.slow
+def test_a_rig_file_two_percent_off_changes_nothing_much() -> None:
+    off = d.study(d.jobs(d.NAMED, 30, (2.0,)))
+    assert off["right"].mean() >= 0.97, d.wrong(off)
