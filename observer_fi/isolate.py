@@ -46,12 +46,14 @@ def tested(estimate: Estimate, settings: DecisionSettings) -> Estimate:
     A hypothesis whose own constants are beyond what rigs show explains the data with a plant that does not exist: its
     probability goes to "none of these".
     """
-    p = estimate.probability.copy()
     if UNKNOWN not in estimate.modes or not estimate.strain.size:
         return estimate
     unknown = estimate.modes.index(UNKNOWN)
     strained = estimate.strain > settings.strain_limit
     strained[:, unknown] = False
+    if not strained.any():
+        return estimate
+    p = estimate.probability.copy()
     p[:, unknown] += np.where(strained, p, 0.0).sum(axis=1)
     p[strained] = 0.0
     return replace(estimate, probability=p)

@@ -21,7 +21,7 @@ from observer_fi.columns import PLAIN, ColumnMap
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.isolate import label_of
 from observer_fi.lines import BrokenLineError, Clock, Parser, Splitter
-from observer_fi.live import Live, Row
+from observer_fi.live import Change, Live, Row
 from observer_fi.models import Rig
 from observer_fi.records import LABELS, Array, Estimate, Event
 from observer_fi.settings import Settings
@@ -143,7 +143,6 @@ class Watch:
         self.live = self._new_live()
         self.last_t = math.nan
         self.skipped = self.faulty = self.moves = self.samples = 0
-        self.since_every = 0
 
     def _new_live(self) -> Live:
         o = self.options
@@ -164,7 +163,7 @@ class Watch:
             return
         if self.parser.restarted:
             self._feed(rows)
-            self.restart("the header stands there again")
+            self._new_clock("the header stands there again")
         if row is None:
             return
         for ready in self.clock.take(row, self._skip):
@@ -184,27 +183,32 @@ class Watch:
             self._tell(self.live.add(rows))
             rows.clear()
 
-    def _tell(self, judged: Iterator[tuple[Estimate, list[Any]]]) -> None:
-        for estimate, changes in judged:
+    def _tell(self, judged: Iterator[tuple[Estimate, list[Change]]]) -> None:
+        for e, changes in judged:
+            before, done = self.live.samples - e.t.size, 0
             for change in changes:
+                self._posteriors(e, before, done, change.samples - before)
+                done = change.samples - before
                 self._write("verdict", change.time_s, change.event, change.moves, change.samples)
-            if self.options.every:
-                self._posteriors(estimate)
+            self._posteriors(e, before, done, e.t.size)
 
-    def _posteriors(self, e: Estimate) -> None:
-        first = (-self.since_every - 1) % self.options.every
-        for k in range(first, e.t.size, self.options.every):
+    def _posteriors(self, e: Estimate, before: int, first: int, last: int) -> None:
+        """Every Nth sample of a stream, of those from first to last of an estimate with `before` samples ahead of it."""
+        every = self.options.every
+        for k in range(first + (-before - first - 1) % every, last, every) if every else ():
             line = {"schema": SCHEMA, "event": "sample", "time_s": float(e.t[k])}
             self._line_out(line | {"posterior": posterior(e.modes, e.probability[k])})
-        self.since_every = (self.since_every + e.t.size) % self.options.every
 
     def restart(self, reason: str) -> None:
-        """The writer began anew: another header, another clock, another bank."""
+        """The writer began anew: a header, another clock, another bank."""
         rest = self.splitter.last()
         if rest:
             self._skip("the line breaks off")
-        self._flush()
         self.parser.begin()
+        self._new_clock(reason)
+
+    def _new_clock(self, reason: str) -> None:
+        self._flush()
         self.clock = Clock()
         self._restart_bank(reason)
 
