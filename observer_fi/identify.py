@@ -387,7 +387,9 @@ def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     errors = []
     for part, r in zip(parts, fitted.residuals, strict=True):
         e = part.experiment
-        single = np.isclose(e.weight, 1.0 / e.noise).all(axis=1)  # neither missing nor the mean of a rest
+        single = ((e.weight > 0.0) & (e.weight < 1.01 / e.noise)).all(
+            axis=1
+        )  # neither missing nor the mean of a rest
         errors.append(r[single] / e.weight[single])
     left = np.concatenate(errors)
     speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
