@@ -74,7 +74,7 @@ class Observer:
         self.glitches = np.zeros((1, 3))
         self.previous = np.full(3, np.nan)
         self.predicted = np.full(3, np.nan)
-        self.seen = np.full(3, np.nan)
+        self.seen, self.doubt = np.full(3, np.nan), np.ones(3)
         self.nis, self.log_density = 0.0, 0.0
         self.step = Step(np.nan, np.zeros((1, 2)), 0.0, 0.0)
         self.sigma = np.sqrt(b.noise)
@@ -99,6 +99,7 @@ class Observer:
         if lost:
             self._start_anew()
         y, S = self._predicted_readings()
+        self.doubt = self._doubt(y)
         accepted = self._weigh(z, y, S)
         self.log_density += self._density_of_failed(z, y, S, accepted)
         if accepted:
@@ -148,8 +149,8 @@ class Observer:
 
     def _doubt(self, y: Array) -> Array:
         """(3,) variance of the channels, unit sigmas: the sensors' noise and the timing of the servo."""
-        change = np.nan_to_num(self.tune.timing * (y - self.predicted) / self.sigma)
-        return 1.0 + change**2
+        change = self.tune.timing * (y - self.predicted) / self.sigma
+        return 1.0 + np.where(np.isnan(self.predicted), 0.0, change**2)
 
     def _weigh(self, z: Array, y: Array, S: Array) -> list[int]:
         """Channels that are believed, in order; fills seen, nis and log_density with one channel given those before it.
@@ -157,7 +158,7 @@ class Observer:
         One after the other the densities multiply to that of the vector, exactly; filterpy's `likelihood` drops
         eigenvalues of S below 2e-10 of the largest and has a floor at 2e-308.
         """
-        e, S = (z - y) / self.sigma, S + np.diag(self._doubt(y))
+        e, S = (z - y) / self.sigma, S + np.diag(self.doubt)
         limit = self.tune.glitch
         accepted: list[int] = []
         self.seen = np.full(3, np.nan)
@@ -180,7 +181,7 @@ class Observer:
         c = self.failed
         if c < 0 or np.isnan(z[c]):
             return 0.0
-        doubt, e = self._doubt(y), (z - y) / self.sigma
+        doubt, e = self.doubt, (z - y) / self.sigma
         off, var = _given(e, S + np.diag(np.where(np.arange(3) == c, 0.0, doubt)), accepted, c)
         sigma = self.sigma[c]
         before = np.inf if np.isnan(self.previous[c]) else self.previous[c]
@@ -246,7 +247,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
             (z / self.sigma)[accepted],
             HJacobian=lambda x: self.H[accepted],
             Hx=lambda x: (y / self.sigma)[accepted],
-            R=np.diag(self._doubt(y)[accepted]),
+            R=np.diag(self.doubt[accepted]),
         )
 
 
@@ -303,7 +304,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
     def _correct(self, z: Array, y: Array, accepted: list[int]) -> None:
         read = iter((self.sigmas_h / self.sigma)[:, accepted])  # the points went through h already
         UnscentedKalmanFilter.update(
-            self, (z / self.sigma)[accepted], R=np.diag(self._doubt(y)[accepted]), hx=lambda s: next(read)
+            self, (z / self.sigma)[accepted], R=np.diag(self.doubt[accepted]), hx=lambda s: next(read)
         )
 
 
@@ -332,6 +333,7 @@ class LogIMM(IMMEstimator):
         self.log_mu = np.array(log_mu)
         self.mu = np.exp(self.log_mu)
         self.mixing, self._dt = False, -1.0
+        self._shared = [[self._look_up(i, j) for j in range(self.N)] for i in range(self.N)]
         self._compute_state_estimate()
 
     def predict(self, u: Step) -> None:
@@ -380,12 +382,19 @@ class LogIMM(IMMEstimator):
 
     def _entered(self, x: Array, P: Array, i: int, j: int) -> tuple[Array, Array]:
         """Moments x, P of source i in the states of target j."""
+        at, square, lacks, lacks_either, prior = self._shared[i][j]
+        return np.where(lacks, self.b.entry_mean[j, : at.size], x[at]), np.where(
+            lacks_either, prior, P[square]
+        )
+
+    def _look_up(
+        self, i: int, j: int
+    ) -> tuple[NDArray[np.int64], tuple, NDArray[np.bool_], NDArray[np.bool_], Array]:
+        """Where source i has the states of target j, which it lacks, and the prior of those."""
         n = self.filters[j].n
         at = self.b.source[j, i, :n]
-        own = at < 0
-        mean = np.where(own, self.b.entry_mean[j, :n], x[at])
-        cov = np.where(own[:, None] | own[None], np.diag(self.b.entry_var[j, :n]), P[np.ix_(at, at)])
-        return mean, cov
+        lacks = at < 0
+        return at, np.ix_(at, at), lacks, lacks[:, None] | lacks, np.diag(self.b.entry_var[j, :n])
 
     def _mix_bias(self, target: Observer, before: Array, j: int, weights: list[tuple[int, float]]) -> None:
         if target.failed < 0:
@@ -429,7 +438,9 @@ class FilterpyBank:
         seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
         for k in range(n):
             dt = min(log.t[k] - self.t, SKIPPED_S) if np.isfinite(self.t) else np.nan
-            with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis whose numbers overflow starts anew
+            with np.errstate(
+                over="ignore", invalid="ignore"
+            ):  # a hypothesis whose numbers overflow starts anew
                 imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
                 imm.update(log.z[k])
             self.t = log.t[k]
