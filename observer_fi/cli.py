@@ -364,6 +364,50 @@ def _watch(args: argparse.Namespace) -> int:
     return watch.run(args, _complain)
 
 
+# --- fleet ---
+
+
+def _fleet_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of logs, searched to its depth")
+    parser.add_argument("--pattern", default="*", metavar="GLOB", help="which file names (*)")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 2, help="local processes (one a core)"
+    )
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a running Dask cluster instead")
+    parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the logs' columns")
+    add_rig(parser)
+    add_engine(parser)
+    add_common(parser)
+    parser.add_argument("--fail-on-fault", action="store_true", help="exit with 3 if a log has a fault")
+
+
+def _fleet(args: argparse.Namespace) -> int:
+    from observer_fi import fleet
+    from observer_fi.ingest import load_columns
+    from observer_fi.models import load_rig
+    from observer_fi.settings import load_settings
+
+    if args.workers < 1:
+        raise UsageError(f"--workers: at least one, got {args.workers}")
+    columns = {"columns": load_columns(args.columns)} if args.columns else {}
+    rig, settings = load_rig(args.rig), load_settings(args.settings)
+    job = fleet.Job(args.folder, args.out, rig, settings, args.engine, args.filter, **columns)
+    rows, todo = fleet.split(job, fleet.find_logs(job, args.pattern))
+    fresh = progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log")
+    rows += list(fresh)
+    fleet.write_summary(job, rows)
+    for problem in fleet.problems(rows):
+        _complain(problem)
+    if args.json:
+        emit_json({"schema": "observer-fi/fleet/1", "read": len(todo), "logs": fleet.worst_first(rows)})
+    elif not args.quiet:
+        print(f"{fleet.headline(rows, len(todo))}\n{args.out / fleet.INDEX}")
+    if any(row["status"] != "done" for row in rows):
+        return USAGE
+    faulty = any(row["label"] != "nominal" for row in rows)
+    return FAULT if faulty and args.fail_on_fault else OK
+
+
 # A command is a row here: its help, its arguments, its function. Both import what they need inside.
 # --- identify and improve ---
 
@@ -442,4 +486,5 @@ COMMANDS: dict[str, Command] = {
         "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate
     ),
     "watch": Command("follow a live stream of samples", _watch_arguments, _watch),
+    "fleet": Command("many logs, on local processes or a Dask cluster", _fleet_arguments, _fleet),
 }
