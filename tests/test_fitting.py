@@ -36,11 +36,14 @@ def campaign(
     theta = np.array(pitch)[np.maximum(np.searchsorted(pitch_knots, t, side="right") - 1, 0)]
     log = Log("made", t, np.zeros((t.size, 3)), w_cmd, theta)
     experiment = prepare([log], rig)
-    z = np.zeros((t.size, 3))
-    y = simulate(experiment, rig.model, np.zeros((experiment.moves, 2)))
-    for m in range(experiment.moves):
-        rows = experiment.rows(m)
-        z[experiment.start[m] : experiment.start[m] + rows.stop - rows.start] = y[rows]
+    z, last = np.zeros((t.size, 3)), np.zeros(2)
+    for m in range(experiment.moves):  # each begins where the one before came to rest
+        one = replace(select(experiment, [m]), rest=last[None])
+        y = simulate(one, rig.model, np.zeros((1, 2)))
+        start = int(experiment.start[m])
+        z[start:] = y[-1]
+        z[start : start + len(y)] = y
+        last = y[-1, 1:]
     return replace(log, z=z + np.random.default_rng(seed).normal(size=z.shape) * NOISE)
 
 
