@@ -1,16 +1,19 @@
-"""Fits and ladders of force-driven rigs as Markdown: tables of numbers that other modules computed."""
+"""Fits and ladders of force-driven rigs as Markdown and as the files of `improve`: numbers that other modules computed."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from observer_fi.actuator import PARAMETERS
-from observer_fi.inverse import Solution
+from observer_fi.inverse import Solution, held_out, relative
 from observer_fi.inverse_columns import Sharing
-from observer_fi.inverse_improve import findings, refitted
+from observer_fi.inverse_improve import extended, findings, refitted, to_json
 from observer_fi.inverse_naming import Ladder
+from observer_fi.inverse_screening import Score
 from observer_fi.inverse_vocabulary import Candidate
-from observer_fi.models import Rig
+from observer_fi.models import Rig, rig_toml
 from observer_fi.records import Fit, Parameter
+from observer_fi.report import environment, json_text, versions
 
 # unit in the equations: unit at the mass, power of D by which a value is divided
 AT_MASS = {
@@ -57,23 +60,49 @@ def fit_table(fit: Fit, rig: Rig) -> str:
     return table(("parameter", "value", "at the mass", "rig file"), rows)
 
 
-def findings_table(ladder: Ladder, judged: Sequence[float]) -> str:
-    """The causes in the order in which they were accepted; judged: residual on a part not learned from, after each step."""
-    rows = []
+class Line(NamedTuple):
+    """One accepted cause as it is printed. before, after: held-out residual of its step [per cent]."""
+
+    step: str
+    cause: str
+    form: str
+    sizes: list[str]
+    delta_bic: float
+    before: float
+    after: float
+    rivals: tuple[str, ...]
+    separate_by: str
+
+
+def lines(ladder: Ladder) -> list[Line]:
+    """The causes in the order in which they were accepted; a pair shares its step."""
+    found: list[Line] = []
     named = iter(findings(ladder))
     for k, rung in enumerate(ladder.rungs, start=1):
+        step = f"{k}" if len(rung.candidates) == 1 else f"{k} (pair)"
         for candidate in rung.candidates:
-            found = next(named)
-            sizes = "; ".join(_size(p, ladder.rig.model["D"]) for p in found.parameters)
-            rivals = ", ".join(found.indistinguishable_from) or "-"
-            step = f"{k}" if len(rung.candidates) == 1 else f"{k} (pair)"
-            rows.append(
-                (step, f"`{found.cause}`", _form(candidate, found.parameters), sizes, f"{found.delta_bic:.0f}",
-                 f"{rung.before:.2f} → {rung.after:.2f}", f"{judged[k - 1]:.2f}", rivals)
-            )  # fmt: skip
-    return table(
-        ("step", "cause", "form", "size", "ΔBIC", "held out [%]", "judged [%]", "cannot be told from"), rows
-    )
+            f = next(named)
+            form, sizes = (
+                _form(candidate, f.parameters),
+                [_size(p, ladder.rig.model["D"]) for p in f.parameters],
+            )
+            rivals = f.indistinguishable_from
+            found.append(
+                Line(step, f.cause, form, sizes, f.delta_bic, rung.before, rung.after, rivals, f.separate_by)
+            )
+    return found
+
+
+def findings_table(ladder: Ladder, judged: Sequence[float]) -> str:
+    """The causes in order; judged: residual after each step on a part that nothing was learned from [per cent]."""
+    by_step = {f"{k}": f"{value:.2f}" for k, value in enumerate(judged, start=1)}
+    rows = [
+        (f.step, f"`{f.cause}`", f.form, "; ".join(f.sizes), f"{f.delta_bic:.0f}", f"{f.before:.2f} → {f.after:.2f}",
+         by_step[f.step.split()[0]], ", ".join(f.rivals) or "-")
+        for f in lines(ladder)
+    ]  # fmt: skip
+    head = ("step", "cause", "form", "size", "ΔBIC", "held out [%]", "judged [%]", "cannot be told from")
+    return table(head, rows)
 
 
 def _form(candidate: Candidate, parameters: Iterable[Parameter]) -> str:
@@ -95,26 +124,39 @@ def separation_list(ladder: Ladder) -> str:
     return "".join(f"- `{f.cause}`: {f.separate_by}\n" for f in findings(ladder))
 
 
-def refused_table(ladder: Ladder, D: float) -> str:
-    """Causes that were not found, with the smallest size that these logs would have shown."""
-    rows, seen = [], set()
+def detectable(ladder: Ladder) -> dict[str, list[str]]:
+    """By cause that was not found: the smallest size of each parameter that these logs would show."""
+    found: dict[str, list[str]] = {}
     for score in ladder.refused:
-        cause = score.candidate.cause
-        if cause in seen:
-            continue
-        seen.add(cause)
-        sizes = []
-        for name, size in score.detectable.items():
-            unit = PARAMETERS[name][0]
-            at, power = AT_MASS.get(unit, (unit, 0))
-            sizes.append(
-                f"{name} {size * D**-power:.2g} {at}"
-                if math.isfinite(size)
-                else f"{name}: not detectable here"
-            )
-        net = f"{score.net:.0f}" if math.isfinite(score.net) else "-"
-        rows.append((f"`{cause}`", score.candidate.variant, net, "; ".join(sizes)))
+        if score.candidate.cause not in found:
+            sizes = score.detectable.items()
+            found[score.candidate.cause] = [
+                _smallest(name, size, ladder.rig.model["D"]) for name, size in sizes
+            ]
+    return found
+
+
+def _smallest(name: str, size: float, D: float) -> str:
+    if not math.isfinite(size):
+        return f"{name}: not detectable here"
+    unit, power = AT_MASS.get(PARAMETERS[name][0], (PARAMETERS[name][0], 0))
+    return f"{name} {size * D**-power:.2g} {unit}"
+
+
+def refused_table(ladder: Ladder) -> str:
+    """Causes that were not found, with their best score and the smallest size that these logs would have shown."""
+    best: dict[str, Score] = {}
+    for score in ladder.refused:
+        best.setdefault(score.candidate.cause, score)
+    rows = [
+        (f"`{cause}`", best[cause].candidate.variant, _whole(best[cause].net), "; ".join(sizes))
+        for cause, sizes in detectable(ladder).items()
+    ]
     return table(("cause", "form", "ΔBIC", "smallest size these logs would show"), rows)
+
+
+def _whole(value: float) -> str:
+    return f"{value:.0f}" if math.isfinite(value) else "-"
 
 
 def refit_table(ladder: Ladder) -> str:
@@ -154,3 +196,27 @@ def per_log_table(solution: Solution, D: float) -> str:
 def scores_table(head: Sequence[str], scores: Mapping[str, Sequence[float]]) -> str:
     """Models against columns of numbers."""
     return table(("model", *head), [(name, *(f"{v:.2f}" for v in row)) for name, row in scores.items()])
+
+
+def improve_headline(ladder: Ladder) -> str:
+    """One line: what the equations miss."""
+    named = [f.cause.replace("_", " ") for f in findings(ladder)]
+    if not named:
+        return "Nothing with a name is missing" + (", but something is" if ladder.unexplained else "")
+    rest = " and something without a name" if ladder.unexplained else ""
+    return f"The equations miss {', '.join(named)}{rest}"
+
+
+def improve_files(ladder: Ladder, name: str, logs: Sequence[str]) -> dict[str, str]:
+    """Everything that one improve report of a force-driven rig consists of, {file name: text}."""
+    page = environment().get_template("improve_force.html")
+    before, after = (relative(held_out(s), s.force) for s in (ladder.start, ladder.final))
+    html = page.render(
+        ladder=ladder, name=name, logs=logs, headline=improve_headline(ladder), findings=lines(ladder),
+        refit=refitted(ladder), detectable=detectable(ladder), before=before, after=after, versions=versions(),
+    )  # fmt: skip
+    return {
+        "improve.json": json_text(to_json(ladder)),
+        "report.html": html,
+        "rig.toml": rig_toml(extended(ladder, f"{ladder.rig.name}_extended")),
+    }

@@ -87,6 +87,7 @@ def main(argv: list[str] | None = None) -> int:
         "## Forward: one step ahead in an observer, and the closed loop simulated",
         text.scores_table(
             (
+                "-log likelihood a sample",
                 "one step [nm]",
                 f"{AHEAD} ms ahead [um]",
                 "closed loop, position [um]",
@@ -132,7 +133,11 @@ def scores(model: Fitted, learn: Motion, pulses: Motion) -> tuple[float, float, 
 
 
 def forward(model: Fitted, runs: list[emps.Run], logs: list[Log]) -> tuple[float, ...]:
-    """On the judged half: likelihood [nats a sample], one step [nm], AHEAD samples ahead [um], closed loop position [um] and force [per cent]."""
+    """On the judged half, the observer tuned on DATA_EMPS.
+
+    Negative log-likelihood [nats a sample], errors of one step [nm] and AHEAD samples ahead [um]; closed loop, position
+    [um] and force [per cent].
+    """
     rig, _, solution = model
     run, log = runs[1], logs[1]
     start = int(np.searchsorted(log.t, HALF_S))
@@ -174,7 +179,7 @@ def story(ladder: Ladder, pulses: Motion, learned_on: str) -> list[str]:
         "What the rest of the residual depends on (equation: torque):\n",
         text.unexplained_table(ladder),
         "Not found (a ΔBIC above zero: the held-out residual fell by less than 3 %):\n",
-        text.refused_table(ladder, D),
+        text.refused_table(ladder),
     ]
 
 

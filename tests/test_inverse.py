@@ -22,6 +22,7 @@ from observer_fi.inverse_columns import TERMS, Columns
 from observer_fi.inverse_improve import extended, findings, improve_force, to_json
 from observer_fi.inverse_motion import low_passed, prepare, sensor_noise
 from observer_fi.inverse_naming import name_causes
+from observer_fi.inverse_report import improve_files, improve_headline
 from observer_fi.models import Quantity, Rig, load_rig, rig_toml
 from observer_fi.records import Log
 
@@ -209,6 +210,15 @@ def test_nothing_is_named_where_nothing_is_missing(seed):
     assert named(Truth(DRAG, DRAG, noise=2e-7), rig(**VISCOUS), seed)[0] == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [1e-8, 2e-7, 2e-6])
+def test_nothing_is_named_on_many_logs(noise):
+    for seed in range(10, 25):
+        assert named(Truth(DRAG, DRAG, noise=noise), rig(**VISCOUS), seed)[0] == []
+        if noise == 1e-8:
+            assert named(Truth(noise=noise), rig(), seed)[0] == []
+
+
 CASES = {
     "viscous_friction": (Truth(DRAG, DRAG), {}),
     "asymmetric_friction": (Truth(DRAG, 210.0), VISCOUS),
@@ -288,6 +298,17 @@ def test_the_same_logs_give_the_same_result():
     logs: list[Log] = [log(Truth(DRAG, 210.0))]
     ladder = name_causes(rig(), [prepare(logs[0])])
     assert to_json(ladder) == improve_force(logs, rig())
+
+
+def test_files_of_the_command():
+    ladder = name_causes(rig(), [prepare(log(Truth(DRAG, DRAG)))])
+    files = improve_files(ladder, "bench", ["bench.csv"])
+    assert set(files) == {"improve.json", "report.html", "rig.toml"}
+    assert "The equations miss viscous friction" in files["report.html"]
+    assert improve_files(ladder, "bench", ["bench.csv"]) == files
+    nothing = name_causes(rig(**VISCOUS), [prepare(log(Truth(DRAG, DRAG)))])
+    assert improve_headline(nothing) == "Nothing with a name is missing"
+    assert "load_friction: not detectable here" in improve_files(nothing, "bench", [])["report.html"]
 
 
 # --- forward ---
