@@ -304,7 +304,7 @@ def test_memory_stays_flat() -> None:
     before = held()
     for turn in range(4, 12):
         feed_one(turn)
-    assert held() - before < 500  # 25 600 samples
+    assert held() - before < 2000  # one object a sample would be 25 600; caches of numpy fill slowly
     assert flow.live.moves == 24
 
 
