@@ -327,10 +327,11 @@ class LogIMM(IMMEstimator):
     """
 
     def __init__(self, filters: Sequence[Observer], log_mu: Array, b: BankArrays, bias_entry: float) -> None:
-        super().__init__([_SameShape() for _ in filters], np.exp(log_mu), np.eye(len(filters)))
+        m = len(filters)
+        super().__init__([_SameShape() for _ in filters], np.ones(m), np.full((m, m), 1.0 / m))
         self.filters = list(filters)
         self.b, self.bias_entry = b, bias_entry
-        self.log_mu = np.array(log_mu)
+        self.log_mu = np.maximum(log_mu, np.log(UNREACHED))
         self.mu = np.exp(self.log_mu)
         self.mixing, self._dt = False, -1.0
         self._shared = [[self._look_up(i, j) for j in range(self.N)] for i in range(self.N)]

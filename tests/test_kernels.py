@@ -401,3 +401,17 @@ def test_filters_know_how_wrong_they_are(kind: str) -> None:
     assert np.sqrt((off[:, RINGING, 1] ** 2).mean()) < 5e-3
     assert 2.85 < nis[:, 1600:2080].mean() < 3.15  # 9600 dependent samples: 3 within 5 %
     assert nis[:, 480:576].mean() < 3.0
+
+
+def test_smoothing_none_of_these_recovers_what_the_equations_lack() -> None:
+    """An overload's stop takes E of the travel: the free rate is -E D w from the onset on and 0 before (5 sigma)."""
+    log, spec = move(3, "overload"), case(3, "overload")
+    unknown = next(h for h in bank(RIG, SETTINGS) if h.name == "unknown")
+    x, P = smoothing.smooth(log, unknown, RIG, SETTINGS)
+    at = unknown.states.index("rate")
+    before, after = np.searchsorted(log.t, onset(3, "overload") + np.array([-0.05, 0.5]))
+    std = np.sqrt(P[:, at, at])
+    assert abs(x[before, at]) < 5.0 * std[before]
+    assert (
+        abs(x[after, at] + spec.rig.E * spec.rig.D * x[after, 0]) < 5.0 * std[after] < 0.9 * abs(x[after, at])
+    )

@@ -242,17 +242,19 @@ def test_a_hypothesis_that_nothing_leads_to_is_not_zero_by_zero() -> None:
     with np.errstate(invalid="ignore"):
         plain = IMMEstimator(linear_pair(), [1.0, 0.0], np.eye(2))
     assert np.isnan(plain.omega).any()  # the trap
-    still = BankSettings(fault_rate=0.0, recovery_rate=0.0, between_rate=0.0)
-    log = cut(move(5, "nominal"), 0.29, 0.31)
-    for make in (FilterpyBank, kernels.Bank):
-        got = make(RIG, still).advance(log)
-        assert np.isfinite(got.probability).all() and got.probability[-1, 0] > 0.9
-    dead = log_imm([at_speed(Ekf), at_speed(Ekf)], (NOMINAL, NOMINAL), [1.0, 1e-300])
+    dead = log_imm([at_speed(Ekf), at_speed(Ekf)], (NOMINAL, NOMINAL), [1.0, 0.0])
     dead.b.rates[:] = 0.0
     for _ in range(5):
         dead.predict(STEADY)
         dead.update(np.array([np.nan, np.nan, 0.01]))
     assert np.isfinite(dead.filters[1].x).all() and np.isfinite(dead.mu).all()
+    still = BankSettings(fault_rate=0.0, recovery_rate=0.0, between_rate=0.0)
+    log = cut(
+        move(4, "coupling_loss"), 0.28, onset(4, "coupling_loss") + 1.0
+    )  # thousands of nats against all but one
+    got = kernels.Bank(RIG, still).advance(log)
+    assert np.isfinite(got.probability).all() and np.isfinite(got.predicted).all()
+    assert 0.0 < got.probability[-1].min() < 1e-290
 
 
 def test_rates_are_from_row_to_column() -> None:
