@@ -35,7 +35,8 @@ BASELINES = {"symmetric": "emps_published", "two directions": "emps_two_directio
 
 
 LEGEND = f"""Learned: DATA_EMPS, and the first half of DATA_EMPS_PULSES where it says "both". Judged: the second half of the
-pulses, from {HALF_S} s on, with frozen parameters; no fit and no acceptance of a cause used it (docs/emps.md says what did). Figures are 100 |residual| / |force| after the
+pulses, from {HALF_S} s on, with frozen parameters; no fit and no acceptance of a cause used it
+(docs/emps.md says what did). Figures are 100 |residual| / |force| after the
 authors' decimation to 40 Hz; sizes are forces at the carriage. "Hold known" gives the published structure the half sample by
 which the 1 kHz controller's command acts late, which the published recipe leaves out. ΔBIC is the extended BIC that is won
 (more is better). "Held out" is the residual of parts of the learning logs that were left out in turn. Standard errors are the
