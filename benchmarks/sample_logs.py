@@ -1,0 +1,52 @@
+"""Simulated logs of any length for the benchmarks, kept in a folder outside the checkout."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from observer_fi.models import load_rig
+from observer_fi.records import Log
+from observer_fi.scenario import Fault, Move, Scenario, csv_bytes, synthesise
+
+FOLDER = Path(tempfile.gettempdir()) / "observer_fi_bench"
+COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
+BEAT_S = 3.0  # a move of two seconds and a rest of one
+
+
+def moves_log(seconds: float, fault: Fault = Fault(), seed: int = 1) -> Log:
+    """Moves forth and back, 1600 samples a second."""
+    count = int((seconds - 0.3) // BEAT_S)
+    moves = tuple(Move(0.3 + BEAT_S * k, 410.0 * (-1) ** k, 2.0) for k in range(count))
+    return synthesise(Scenario(moves, seconds, fault=fault, seed=seed), load_rig())[0]
+
+
+def csv_log(seconds: float = 10.0, fault: Fault = Fault("coupling_loss", 7.0)) -> Path:
+    """A CSV file: three moves, and a coupling lost in the last."""
+    path = FOLDER / f"moves_{seconds:g}s.csv"
+    if not path.exists():
+        FOLDER.mkdir(exist_ok=True)
+        path.write_bytes(csv_bytes(moves_log(seconds, fault)))
+    return path
+
+
+def parquet_log(hours: float, times: int = 1) -> Path:
+    """A Parquet file of `hours`, repeated `times` with the clock running on; a coupling lost half-way."""
+    path = FOLDER / f"moves_{hours:g}h_{times}.parquet"
+    if path.exists():
+        return path
+    FOLDER.mkdir(exist_ok=True)
+    seconds = 3600.0 * hours
+    log = moves_log(seconds, Fault("coupling_loss", 0.5 * seconds + 1.0))
+    table = np.column_stack((log.t, log.z, log.pitch, log.w_cmd))
+    schema = pa.schema([(name, pa.float64()) for name in COLUMNS])
+    with pq.ParquetWriter(path.with_suffix(".part"), schema) as writer:
+        for k in range(times):
+            for first in range(0, len(table), 1 << 20):
+                part = table[first : first + (1 << 20)]
+                shifted = [part[:, 0] + k * seconds, *part[:, 1:].T]
+                writer.write_table(pa.table([pa.array(column) for column in shifted], schema=schema))
+    path.with_suffix(".part").rename(path)
+    return path
