@@ -303,6 +303,23 @@ def test_hypotheses_of_different_states_mix_what_they_share() -> None:
     np.testing.assert_allclose(np.diag(target.P)[own], target.b.entry_var[0, own], rtol=0.3)
 
 
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+def test_a_glitch_counts_at_the_gate_and_moves_nothing(kind: str) -> None:
+    """For three samples; the fourth in a row is believed."""
+    log = cut(move(5, "nominal"), 0.5, 0.53)
+    k = log.t.size - 6
+    for make in (FilterpyBank, kernels.Bank):
+        ends = []
+        for spikes, reading in ((3, log.z[k, 0] + 5.0), (3, np.nan), (4, log.z[k, 0] + 5.0)):
+            spoilt = rows(log, slice(None))
+            spoilt.z[k : k + spikes, 0] = reading
+            got = make(RIG, SETTINGS, (NOMINAL, NOMINAL), filter_kind=kind).advance(spoilt)
+            ends.append(got)
+        np.testing.assert_allclose(ends[0].states, ends[1].states, rtol=1e-12)
+        assert ends[0].nis[k, 0] - ends[1].nis[k, 0] == pytest.approx(SETTINGS.glitch_sigma**2, rel=1e-6)
+        assert abs(ends[2].states[-1, 0] - ends[1].states[-1, 0]) > 0.5
+
+
 # --- filterpy's filters ---------------------------------------------------------------------------
 
 
