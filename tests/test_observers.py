@@ -244,7 +244,7 @@ def test_a_hypothesis_that_nothing_leads_to_is_not_zero_by_zero() -> None:
     assert np.isnan(plain.omega).any()  # the trap
     dead = log_imm([at_speed(Ekf), at_speed(Ekf)], (NOMINAL, NOMINAL), [1.0, 0.0])
     dead.b.rates[:] = 0.0
-    dead.filters[1].x[2] += 5e-3  # 150 standard deviations: once it is no glitch any more, 1e4 nats against it
+    dead.filters[1].x[2] += 5e-3  # 150 standard deviations: 1e4 nats, once it is no glitch any more
     for _ in range(8):
         dead.predict(STEADY)
         dead.update(np.array([np.nan, np.nan, 0.01]))
