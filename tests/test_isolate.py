@@ -307,15 +307,12 @@ def test_chunks_make_no_difference(parts: list[Part], seed: int, pieces: int) ->
 
 def test_nor_do_single_samples() -> None:
     e = estimate(
-        rest(),
-        Part(0.2),
-        Part(0.15, "overload"),
-        Part(0.1, nis=9.0),
-        rest(0.1, nis=20.0),
-        Part(0.2, "sensor:voltage"),
-        rest(0.1),
-    )
-    same(isolated(e), isolated(e, *range(9, e.t.size)))
+        rest(), Part(0.2), Part(0.15, "overload"), Part(0.1, nis=9.0), rest(0.1, nis=20.0), Part(0.2, "sensor:voltage"),
+        rest(0.1), Part(0.1), Part(0.3, "overload", nis=9.0), rest(0.1),
+    )  # fmt: skip
+    found = isolated(e)
+    assert [v.label for v in found.events] == ["overload", "sensor_fault", "unknown"]
+    same(found, isolated(e, *range(9, e.t.size)))
 
 
 @given(parts=LOGS, share=st.floats(0.05, 1.0))
