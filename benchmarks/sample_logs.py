@@ -13,19 +13,29 @@ from observer_fi.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 
 FOLDER = Path(tempfile.gettempdir()) / "observer_fi_bench"
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
+HEALTHY = Fault()
 BEAT_S = 3.0  # a move of two seconds and a rest of one
 
 
-def moves_log(seconds: float, fault: Fault = Fault(), seed: int = 1) -> Log:
+def moves_log(seconds: float, fault: Fault = HEALTHY, seed: int = 1) -> Log:
     """Moves forth and back, 1600 samples a second."""
     count = int((seconds - 0.3) // BEAT_S)
     moves = tuple(Move(0.3 + BEAT_S * k, 410.0 * (-1) ** k, 2.0) for k in range(count))
     return synthesise(Scenario(moves, seconds, fault=fault, seed=seed), load_rig())[0]
 
 
-def csv_log(seconds: float = 10.0, fault: Fault = Fault("coupling_loss", 7.0)) -> Path:
-    """A CSV file: three moves, and a coupling lost in the last."""
-    path = FOLDER / f"moves_{seconds:g}s.csv"
+def csv_log() -> Path:
+    """A CSV file of 10 s: three moves, and a coupling lost in the last."""
+    return _csv("broken_10s.csv", 10.0, Fault("coupling_loss", 7.0))
+
+
+def healthy_csv() -> Path:
+    """A CSV file of 60 s: twenty moves."""
+    return _csv("healthy_60s.csv", 60.0, HEALTHY)
+
+
+def _csv(name: str, seconds: float, fault: Fault) -> Path:
+    path = FOLDER / name
     if not path.exists():
         FOLDER.mkdir(exist_ok=True)
         path.write_bytes(csv_bytes(moves_log(seconds, fault)))

@@ -1,0 +1,53 @@
+"""Whole processes: a short log, an hour, ten hours, and the other commands. Wall clock, processor time, peak memory."""
+
+import argparse
+import sys
+import tempfile
+
+from results import Process, command_line, process, record
+from sample_logs import csv_log, healthy_csv, parquet_log
+
+COLUMNS = ("command", "wall clock [s]", "processor time [s]", "peak memory [MB]")
+NOTES = (
+    "Warm caches. The hour has 1200 moves at 1600 samples/s (5.76 million samples); a coupling is lost half-way, so half of its "
+    "moves are faulty. Ten hours is that hour ten times, with the clock running on."
+)
+
+
+def main() -> int:
+    """Each command once or a few times, as processes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--skip-long", action="store_true", help="leave the ten hours out")
+    args = parser.parse_args()
+    rows: list[tuple[object, ...]] = []
+    with tempfile.TemporaryDirectory() as out:
+
+        def measure(name: str, *command: str, runs: int = 1) -> None:
+            try:
+                found: Process | None = process(*command, runs=runs)
+            except RuntimeError as error:
+                rows.append((name, str(error).splitlines()[0][-60:], "", ""))
+                return
+            rows.append((name, *(f"{value:.3g}" for value in found)))
+
+        def run(name: str, *arguments: str, runs: int = 1) -> None:
+            measure(name, *command_line(*arguments, "--out", out), runs=runs)
+
+        short = str(csv_log())
+        run("", "diagnose", short)  # compiles where nothing is cached
+        rows.clear()
+        measure("python -c pass", sys.executable, "-c", "pass", runs=5)
+        measure("observer-fi --version", *command_line("--version"), runs=5)
+        run("diagnose, 10 s CSV, with report", "diagnose", short, runs=5)
+        run("diagnose, 10 s CSV, UKF", "diagnose", short, "--filter", "ukf", runs=3)
+        run("identify, 60 s CSV", "identify", str(healthy_csv()))
+        run("improve, 60 s CSV", "improve", str(healthy_csv()))
+        run("diagnose, an hour of Parquet", "diagnose", str(parquet_log(1.0)))
+        if not args.skip_long:
+            run("diagnose, ten hours of Parquet", "diagnose", str(parquet_log(1.0, 10)))
+    record("2 process", "Whole processes", COLUMNS, rows, NOTES)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
