@@ -33,7 +33,7 @@ CHANNELS = ("voltage_v", "current_a", "position_m")
 _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 # On development seeds of the independent truth, whose servo is sampled, sizes were up to 5.6 formal errors off.
 _IMPERFECT = 2.0
-_SAMPLED = ("current_lag", "voltage_delay")
+_SAMPLED = ("current_lag", "input_delay", "voltage_delay")
 _WHITE_LAGS = 20
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
 _SMOOTH_NATS = 15.0  # that a smooth term must gain on held-out moves, over the price of its knots in all
@@ -223,7 +223,7 @@ def _finding(
     std, model = naming.extended.std, naming.extended.model
     samples = max(int((experiment.weight > 0.0).any(axis=1).sum()), 1)
     parameters = {
-        t.parameter: Value(model[t.parameter], std.get(t.parameter, 0.0), t.neutral, t.unit)
+        t.parameter: Value(model[t.parameter], _error(t.parameter, std, model), t.neutral, t.unit)
         for t in variant.terms
     }
     parameters |= {n: Value(v, 0.0, v, PARAMETERS[n][0]) for n, v in variant.fixed}
@@ -269,7 +269,8 @@ def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
         terms = sorted([*terms, jumps], key=lambda term: -term.held_out)
     best = terms[0]
     floor = max(_SMOOTH_NATS, DUST * excess(experiment, naming.baseline.residuals))
-    if best.held_out < floor or best.gain < floor + 0.5 * best.at.size * math.log(n):
+    price = 0.0 if best is jumps else 0.5 * best.at.size * math.log(n)
+    if best.held_out < floor or best.gain < floor + price:
         return ()
     told: dict[tuple[str, str], Smooth] = {}
     for term in terms:
