@@ -29,7 +29,7 @@ def open_loop(
     ramp = abs(speed) / model["accel_cmd"]
     knots, values = corners(t, np.interp(t, [0.0, ramp], [0.0, speed]), model["accel_cmd"])
     w = quarters(t, knots, values)
-    out = np.empty((t.size, sim.COLUMNS))
+    out = np.zeros((t.size, sim.COLUMNS))
     first = np.zeros(len(sim.STATES)) if start is None else start
     fine = np.ones(t.size, dtype=np.bool_)
     sim.run(t, w, w, fine, np.full(t.size, theta), model.vector, first, out)
@@ -211,7 +211,7 @@ def shown(model: Model) -> np.ndarray:
     p = model.vector
     now = quarters(t, knots, values, model["input_delay"], model["accel_limit"])
     late = quarters(t, knots, values, model["input_delay"] + model["servo_delay"], model["accel_limit"])
-    out, y = np.empty((t.size, sim.COLUMNS)), np.empty((t.size, 3))
+    out, y = np.zeros((t.size, sim.COLUMNS)), np.empty((t.size, 3))
     sim.run(t, now, late, np.ones(t.size, dtype=np.bool_), np.full(t.size, 5.0), p, np.zeros(8), out)
     sim.readings(t, out, p, y)
     return y
@@ -227,7 +227,7 @@ def test_every_effect_at_its_neutral_value_changes_nothing() -> None:
     extended[a.EXTENDED] = 1.0
     t = np.arange(480) / 1600.0
     w = quarters(t, t, np.interp(t, [0.01, 0.0169], [0.0, 410.0]))
-    out = [np.empty((t.size, sim.COLUMNS)) for _ in range(2)]
+    out = [np.zeros((t.size, sim.COLUMNS)) for _ in range(2)]
     y = [np.empty((t.size, 3)) for _ in range(2)]
     for k, vector in enumerate((p, extended)):
         sim.run(t, w, w, np.ones(t.size, dtype=np.bool_), np.full(t.size, 5.0), vector, np.zeros(8), out[k])
