@@ -70,6 +70,7 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "supply_drift": ("V/s", 0.0),
     # servo
     "servo_delay": ("s", 0.0),
+    "tick_phase": ("s", 0.0),
     "current_lag": ("s", 0.0),
     "input_delay": ("s", 0.0),
     "integrator_limit": ("rad", math.inf),
@@ -151,6 +152,7 @@ VECTOR_SIZE = len(NAMES) + 1
     SAG_TIME,
     SUPPLY_DRIFT,
     SERVO_DELAY,
+    TICK_PHASE,
     CURRENT_LAG,
     INPUT_DELAY,
     INTEGRATOR_LIMIT,
@@ -281,7 +283,9 @@ def load_torque(w, x, d, phi, theta, p):
             torque += p[SHAFT_RIPPLE_SIN] * math.sin(shaft) + p[SHAFT_RIPPLE_COS] * math.cos(shaft)
         if p[SCREW_RIPPLE_SIN] != 0.0 or p[SCREW_RIPPLE_COS] != 0.0:
             screw = phi * p[D] * 2.0 * math.pi / p[SCREW_LEAD]
-            torque += p[COUPLING] * (p[SCREW_RIPPLE_SIN] * math.sin(screw) + p[SCREW_RIPPLE_COS] * math.cos(screw))
+            torque += p[COUPLING] * (
+                p[SCREW_RIPPLE_SIN] * math.sin(screw) + p[SCREW_RIPPLE_COS] * math.cos(screw)
+            )
     return torque
 
 
@@ -343,7 +347,9 @@ def indentation(x, p):
 def shown_position(seen, p):
     """Gain and periodic error of the position sensor, for what has come through its lag and delay [m]."""
     turn = 2.0 * math.pi * seen / p[POSITION_PERIOD]
-    return p[POSITION_GAIN] * seen + p[POSITION_SIN] * math.sin(turn) + p[POSITION_COS] * (math.cos(turn) - 1.0)
+    return (
+        p[POSITION_GAIN] * seen + p[POSITION_SIN] * math.sin(turn) + p[POSITION_COS] * (math.cos(turn) - 1.0)
+    )
 
 
 @inlined

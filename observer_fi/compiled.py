@@ -12,7 +12,17 @@ from typing import Any
 
 import numba
 
-_SOURCES = ("actuator.py", "transition.py", "unscented.py", "feed.py", "kernels.py", "smoothing.py", "simulate.py", "mixture.py", "fitting.py")
+_SOURCES = (
+    "actuator.py",
+    "transition.py",
+    "unscented.py",
+    "feed.py",
+    "kernels.py",
+    "smoothing.py",
+    "simulate.py",
+    "mixture.py",
+    "fitting.py",
+)
 # No "nnan" and no "ninf": masks rely on NaN, unlimited clamps on infinity.
 _FASTMATH = {"nsz", "arcp", "contract", "afn", "reassoc"}
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True}

@@ -251,7 +251,7 @@ def _leaky(u: Array, dt: float, time: float) -> Array:
 def commands(experiment: Experiment, p: Array) -> tuple[Array, Array]:
     """Command, and command as the servo's proportional path sees it, at the quarters of every interval, (N, 4) each."""
     extended = p[a.EXTENDED] != 0.0
-    delay = float(p[a.INPUT_DELAY]) if extended else 0.0
+    delay = float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]) if extended else 0.0
     late = float(p[a.SERVO_DELAY]) if extended else 0.0
     accel = float(p[a.ACCEL_LIMIT]) if extended else math.inf
     now = _commands(experiment, delay, accel)

@@ -102,7 +102,7 @@ class CommandStream:
     def __init__(self, model: Model, substep_s: float) -> None:
         self.accel = min(model["accel_cmd"], model["accel_limit"])
         self.limit = model["accel_limit"]
-        self.delay = model["input_delay"]
+        self.delay = model["input_delay"] + model["tick_phase"]
         self.substep_s = substep_s
         self.substeps = 0
         self.knots = np.empty((0, 2))

@@ -27,7 +27,9 @@ _DONE = 0.02  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
 _NUISANCE_STEP = (1e-4, 1e-6)  # A, m
 _FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip
-_DELAYS = frozenset({"input_delay", "accel_limit", "servo_delay"})  # these change the commands themselves
+_DELAYS = frozenset(
+    {"input_delay", "accel_limit", "servo_delay", "tick_phase"}
+)  # these change the commands themselves
 
 
 class Free(NamedTuple):

@@ -24,6 +24,8 @@ _PRIORS = {
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
 _SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the period of a servo of 5 kHz or more
+# Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
+_TICK_PHASE = Free("tick_phase", 1e-5, -2e-4, 2e-4, 0.0, 3e-5)
 _STOPS = {"C": 1.0, "E": 0.2}
 
 
@@ -93,7 +95,7 @@ def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
     for name in ("x_stop_high", "x_stop_low"):
         if math.isfinite(model[name]):
             free.append(Free(name, 2e-6, -1.0, 1.0, model[name], 1e-2))
-    return (*free, _SERVO_DELAY)
+    return (*free, _SERVO_DELAY, _TICK_PHASE)
 
 
 def excess(experiment: Experiment, r: Array) -> float:

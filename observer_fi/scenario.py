@@ -215,7 +215,11 @@ def _readings(
     t: Array, knots: Array, values: Array, pitch: float, model: Model, start: Array
 ) -> tuple[Array, Array]:
     p = model.vector
-    delay, late, limit = model["input_delay"], model["servo_delay"], model["accel_limit"]
+    delay, late, limit = (
+        model["input_delay"] + model["tick_phase"],
+        model["servo_delay"],
+        model["accel_limit"],
+    )
     now = quarters(t, knots, values, delay, limit)
     behind = quarters(t, knots, values, delay + late, limit) if late else now
     states, y = np.empty((t.size, sim.COLUMNS)), np.empty((t.size, 3))
