@@ -205,9 +205,9 @@ def limited_current(i_cmd, w, h, sag, p):
     if p[EXTENDED] != 0.0 and p[BRUSH_DROP] != 0.0:
         emf += p[BRUSH_DROP] * math.tanh(i_cmd / p[BRUSH_CURRENT])
     V = R * i_cmd + emf
-    if V > limit:
+    if limit < V:
         return (limit - emf) / R
-    if V < -limit:
+    if -limit > V:
         return (-limit - emf) / R
     return i_cmd
 

@@ -6,7 +6,6 @@ of a start into the error integral. The corners are found from the known acceler
 
 import numpy as np
 
-from observer_fi.models import Model
 from observer_fi.records import Array
 
 

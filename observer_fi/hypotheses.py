@@ -72,7 +72,8 @@ class BankArrays(NamedTuple):
     """A bank as the arrays that the engines take; m hypotheses of at most n states.
 
     size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,);
-    source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1; entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
+    source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1;
+    entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
     variance per second; rates (m, m) per second; noise (3,) variance of the channels;
     own (m, n) constants that the nominal hypothesis does not have;
     alike (m, m) whether two hypotheses have the same states;

@@ -427,7 +427,7 @@ def scratch(b: BankArrays) -> Scratch:
     g[1, 0] = -1.0
     return Scratch(
         np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)), np.eye(m), b.parameters[0].copy(), np.zeros(m), np.zeros(m),
-        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),
+        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),  # noqa: E501
         np.zeros((2, m, m)), unscented.work_arrays(m, n), np.full(1, -1.0),
     )  # fmt: skip
 

@@ -29,10 +29,10 @@ from scenarios import (
 from observer_fi.cleaning import LISTED
 from observer_fi.columns import COLUMNS as KINDS
 from observer_fi.columns import load_columns
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.ingest import log_from_frame, log_name, open_log, read_log
 from observer_fi.models import load_rig
 from observer_fi.plausibility import suspect_units
-from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.records import Log
 from observer_fi.segment import log_segments
 from observer_fi.tables import plain

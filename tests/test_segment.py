@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scenarios import END_S, RATE_HZ, SPEED, START_S, STOP_S, healthy_move
 
 from observer_fi.command_recovery import recover_command
-from observer_fi.models import load_rig, override
 from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.models import load_rig, override
 from observer_fi.records import Log
 from observer_fi.segment import Phase, excitation, log_segments, phases, segments, settling_time
 
