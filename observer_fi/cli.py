@@ -408,7 +408,6 @@ def _fleet(args: argparse.Namespace) -> int:
     return FAULT if faulty and args.fail_on_fault else OK
 
 
-# A command is a row here: its help, its arguments, its function. Both import what they need inside.
 # --- identify and improve ---
 
 
@@ -473,6 +472,7 @@ def _step(args: argparse.Namespace) -> Callable[[str], None]:
     return tell
 
 
+# A command is a row here: its help, its arguments, its function. Both import what they need inside.
 COMMANDS: dict[str, Command] = {
     "diagnose": Command("detect and isolate a fault in each log", _diagnose_arguments, _diagnose),
     "compare": Command(

@@ -35,9 +35,8 @@ WIDTH, LEFT, RIGHT = 1040.0, 62.0, 150.0
 def residuals_over_time(before: Residuals, after: Residuals) -> str:
     """Residuals of the three channels over the logs, in standard deviations of the noise, before and after."""
     figure = Figure("over-time", WIDTH, 3 * 150.0 + 60.0, "Residuals before and after")
-    along: Array = (
-        np.arange(before.t.size) * float(np.median(np.diff(before.t))) if before.t.size > 1 else np.zeros(1)
-    )
+    step = float(np.median(np.diff(before.t))) if before.t.size > 1 else 0.0
+    along: Array = np.asarray(step * np.arange(before.t.size), dtype=np.float64)
     for c, (name, _) in enumerate(CHANNELS):
         limits = padded(np.quantile(before.z_minus_y[:, c], [0.002, 0.998]), least=4.0)
         panel = figure.panel(

@@ -1,5 +1,6 @@
 """What a person reads first is true: version, commands, options, make targets and links of README."""
 
+import os
 import re
 import subprocess
 import sys
@@ -40,7 +41,11 @@ def invocations(page: str) -> list[tuple[str, set[str]]]:
 @cache
 def help_of(*command: str) -> str:
     run = subprocess.run(
-        [sys.executable, "-m", "observer_fi", *command, "--help"], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "observer_fi", *command, "--help"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "COLUMNS": "300"},  # no help is wrapped: a wrapped word would pass for a command
     )
     assert run.returncode == 0, run.stderr
     return run.stdout
