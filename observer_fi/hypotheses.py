@@ -154,8 +154,8 @@ def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings)
     m = len(hypotheses)
     rates = np.full((m, m), settings.between_rate)
     rates[0, :] = settings.fault_rate
-    rates[:, 0] = settings.recovery_rate
     for j, h in enumerate(hypotheses):
+        rates[j, 0] = settings.recovery_rate if h.label == "overload" else 0.0
         if h.label in ("sensor_fault", "unknown"):
             rates[0, j] *= settings.rare
     np.fill_diagonal(rates, 0.0)

@@ -37,7 +37,7 @@ class BankState(NamedTuple):
 
     x (m, n), P (m, n, n), slow (m, 4), bias (m, 2), predicted (m, 3) the last predictions, glitches (m, 3) how many
     samples in a row a channel was taken for a glitch, log_mu (m,), z (3,) last reading of each channel, t (1,) last time
-    or NaN before the first sample.
+    or NaN before the first sample, stopped (1,) 1 from a command of zero to the next sample that counts as evidence.
     """
 
     x: Array
@@ -49,6 +49,7 @@ class BankState(NamedTuple):
     log_mu: Array
     z: Array
     t: Array
+    stopped: Array
 
 
 class Tuning(NamedTuple):
@@ -62,6 +63,7 @@ class Tuning(NamedTuple):
     glitch: float
     glitch_samples: float
     longest: float
+    mended: float
 
 
 def tuning(settings: BankSettings) -> Tuning:
@@ -78,6 +80,7 @@ def tuning(settings: BankSettings) -> Tuning:
         settings.glitch_sigma,
         float(settings.glitch_samples),
         SKIPPED_S,
+        settings.mended,
     )
 
 
@@ -117,6 +120,7 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
         log_mu,
         np.full(3, np.nan),
         np.full(1, np.nan),
+        np.zeros(1),
     )
 
 
@@ -453,15 +457,22 @@ def _copy_back(b, state, scr):
 
 
 @inlined
-def _begin(b, tune, state, scr, dt, mixing):
+def _begin(b, tune, state, scr, dt, w_cmd, mixing):
     """Mix the hypotheses where the sample counts as evidence."""
+    if w_cmd == 0.0:
+        state.stopped[0] = 1.0
     if not mixing:
         return
     if abs(dt - scr.mixed[0]) > 1e-9 * dt:
         tr.mode_transition(b.rates, dt, scr.M, scr.square)
         scr.mixed[0] = dt
     entry = tune.bias_entry * tune.bias_entry
-    _mix(b, entry, scr.M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.reached)
+    M = scr.M
+    if state.stopped[0] == 1.0:
+        state.stopped[0] = 0.0
+        M = scr.square[0]
+        tr.renewed(scr.M, tune.mended, M)
+    _mix(b, entry, M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.reached)
     _copy_back(b, state, scr)
 
 
@@ -526,7 +537,7 @@ def run(
         dt = min(t[k] - before, tune.longest) if before == before else before
         first, before = before != before, t[k]
         mixing = active[k] and not first
-        _begin(b, tune, state, scr, dt, mixing)
+        _begin(b, tune, state, scr, dt, w_cmd[k], mixing)
         for j in range(m):
             if not first:
                 _predict(
@@ -564,7 +575,7 @@ def run_unscented(
         dt = min(t[k] - before, tune.longest) if before == before else before
         first, before = before != before, t[k]
         mixing = active[k] and not first
-        _begin(b, tune, state, scr, dt, mixing)
+        _begin(b, tune, state, scr, dt, w_cmd[k], mixing)
         for j in range(m):
             if not first:
                 unscented.predict(
@@ -644,7 +655,9 @@ class Bank:
         """A copy of what the first hypothesis remembers."""
         names = ("x", "P", "slow", "bias", "predicted", "glitches")
         parts = {name: getattr(state, name)[:1].copy() for name in names}
-        return BankState(**parts, log_mu=np.zeros(1), z=state.z.copy(), t=state.t.copy())
+        return BankState(
+            **parts, log_mu=np.zeros(1), z=state.z.copy(), t=state.t.copy(), stopped=state.stopped.copy()
+        )
 
     def _forget(self) -> None:
         """Keep the snapshots that fall into the samples kept in `recent`."""

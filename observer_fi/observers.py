@@ -326,7 +326,9 @@ class LogIMM(IMMEstimator):
     opposite). source, entry_mean, entry_var: see BankArrays.
     """
 
-    def __init__(self, filters: Sequence[Observer], log_mu: Array, b: BankArrays, bias_entry: float) -> None:
+    def __init__(
+        self, filters: Sequence[Observer], log_mu: Array, b: BankArrays, bias_entry: float, mended: float
+    ) -> None:
         m = len(filters)
         super().__init__([_SameShape() for _ in filters], np.ones(m), np.full((m, m), 1.0 / m))
         self.filters = list(filters)
@@ -334,15 +336,22 @@ class LogIMM(IMMEstimator):
         self.log_mu = np.maximum(log_mu, np.log(UNREACHED))
         self.mu = np.exp(self.log_mu)
         self.mixing, self._dt = False, -1.0
+        self.mended, self.stopped = mended, False
+        self.chain = np.eye(m)
         self._shared = [[self._look_up(i, j) for j in range(self.N)] for i in range(self.N)]
         self._compute_state_estimate()
 
     def predict(self, u: Step) -> None:
         """Mixing, unless the sample is no evidence or the first; then every filter's own prediction."""
         self.mixing = bool(u.active) and not np.isnan(u.dt)
+        self.stopped |= u.w_cmd == 0.0
         if self.mixing:
             if abs(u.dt - self._dt) > 1e-9 * u.dt:
-                self.M, self._dt = expm(self.b.rates * u.dt), u.dt
+                self.chain, self._dt = expm(self.b.rates * u.dt), u.dt
+            self.M = self.chain
+            if self.stopped:
+                self.M, self.stopped = np.empty_like(self.chain), False
+                tr.renewed(self.chain, self.mended, self.M)
             self._compute_mixing_probabilities()
             self._mix()
         for f in self.filters:
@@ -460,7 +469,9 @@ class FilterpyBank:
         for j, f in enumerate(self.filters):
             f.x, f.P = first.x[j, : f.n].copy(), first.P[j, : f.n, : f.n].copy()
             f.slow, f.bias = first.slow[j : j + 1].copy(), first.bias[j : j + 1].copy()
-        self.imm = LogIMM(self.filters, first.log_mu, self.arrays, self.settings.bias_entry)
+        self.imm = LogIMM(
+            self.filters, first.log_mu, self.arrays, self.settings.bias_entry, self.settings.mended
+        )
         return self.imm
 
 

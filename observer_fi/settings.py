@@ -17,7 +17,9 @@ class BankSettings:
     sensors: bool = True
     # Rates per second of the mode process: a fault in a thousand seconds of motion.
     fault_rate: float = 1e-3
+    # The mass can leave an obstacle; no other fault heals within a move. At the next one it is mended with this probability.
     recovery_rate: float = 1e-4
+    mended: float = 0.01
     between_rate: float = 1e-5
     rare: float = 0.1
     # Relative spread of constants that Table 1 gives none for but that differ between rigs, and from charge to charge.

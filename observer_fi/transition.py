@@ -382,6 +382,21 @@ def _times(A, B, scale, out):
 
 
 @inlined
+def renewed(M, mended, out):
+    """Transition matrix of the first sample of a move, into out (m, m): what a fault is replaced by after a rest.
+
+    Within a move no fault heals: a hypothesis that nothing leads back to keeps its own filter, and so its chance to be
+    right after all. Between two moves the first hypothesis is entered anew from the others with probability `mended`.
+    """
+    m = M.shape[0]
+    for r in range(m):
+        share = 0.0 if r == 0 else mended
+        for c in range(m):
+            out[r, c] = (1.0 - share) * M[r, c]
+        out[r, 0] += share
+
+
+@inlined
 def mode_transition(rates, t, M, work):
     """Transition matrix expm(rates t) of the mode process, into M (m, m), by scaling and squaring a Taylor series.
 

@@ -47,7 +47,7 @@ def expected(f: Observer) -> np.ndarray:
 def log_imm(filters: list[Observer], hypotheses: tuple[Hypothesis, ...], mu: list[float]) -> LogIMM:
     b = arrays(hypotheses, RIG, SETTINGS)
     with np.errstate(divide="ignore"):
-        return LogIMM(filters, np.log(mu), b, SETTINGS.bias_entry)
+        return LogIMM(filters, np.log(mu), b, SETTINGS.bias_entry, SETTINGS.mended)
 
 
 # --- both engines ---------------------------------------------------------------------------------
