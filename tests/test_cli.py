@@ -40,9 +40,10 @@ def run(capsys: pytest.CaptureFixture[str]):
     return go
 
 
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
 @pytest.mark.parametrize("name", SAMPLES)
-def test_the_sample_logs_get_the_right_verdict(name: str, run, tmp_path: Path) -> None:
-    ran = run("diagnose", sample(name), "--json", "--out", tmp_path)
+def test_the_sample_logs_get_the_right_verdict(name: str, kind: str, run, tmp_path: Path) -> None:
+    ran = run("diagnose", sample(name), "--filter", kind, "--json", "--out", tmp_path)
     result = json.loads(ran.out)
     assert (ran.code, ran.err) == (OK, "")
     assert result["verdict"]["label"] == SAMPLES[name]["label"]

@@ -1,5 +1,8 @@
 """The bank on filterpy: equal to the compiled one, and one test for each trap of filterpy that fails without its cure."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -14,11 +17,14 @@ from scipy.linalg import cholesky, expm
 from observer_fi import kernels, models, smoothing
 from observer_fi import transition as tr
 from observer_fi.hypotheses import Hypothesis, arrays, bank
+from observer_fi.ingest import read_log
 from observer_fi.models import load_rig, with_values
 from observer_fi.observers import Ekf, FilterpyBank, LogIMM, Observer, Step, Ukf
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
 
+DATA = Path(__file__).parent.parent / "data"
+SAMPLES = json.loads((DATA / "samples.json").read_text())
 RIG = load_rig()
 SETTINGS = BankSettings()
 HYPOTHESES = bank(RIG, SETTINGS)
@@ -78,6 +84,19 @@ def test_both_engines_say_the_same(seed: int, label: str, rate_hz: float, kind: 
         np.testing.assert_allclose(
             getattr(ours, name), getattr(compiled, name), rtol=1e-7, atol=1e-7, err_msg=name
         )
+
+
+@pytest.mark.parametrize(("kind", "seconds"), [("ekf", 3.4), ("ukf", 0.5)])
+@pytest.mark.parametrize("name", SAMPLES)
+def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: float) -> None:
+    log = read_log(DATA / f"{name}.csv.gz")
+    log = cut(log, log.t[0], log.t[0] + seconds)
+    ours = FilterpyBank(RIG, SETTINGS, filter_kind=kind).advance(log)
+    compiled = kernels.Bank(RIG, SETTINGS, filter_kind=kind).advance(log)
+    np.testing.assert_allclose(ours.probability, compiled.probability, rtol=0.0, atol=1e-8)
+    if seconds > 3.0:
+        best = ours.modes[int(ours.probability[ours.active][-1].argmax())]
+        assert best == SAMPLES[name]["label"]
 
 
 def test_chunks_of_the_filterpy_bank_equal_the_whole() -> None:
