@@ -72,6 +72,8 @@ class EventTracker:
         self.doubted = np.nan
         self.final: Array | None = None
         self.ratios = np.empty(0)
+        self.nominal_ratios = np.empty(0)
+        self.not_nominal = -np.inf
         self.winner = -1
         self.unsettled = np.zeros(SETTLING - 1, dtype=np.bool_)
         self.misfits: dict[int, float] = {}
@@ -126,7 +128,12 @@ class EventTracker:
 
     def _close(self, j: int, now: float) -> None:
         run = self.certain.pop(j, None)
-        if run is not None and now - run.since >= self.settings.latch_s and j not in self.latched:
+        if run is None or j in self.latched or now - run.since < self.settings.latch_s:
+            return
+        entered = (
+            label_of(self.modes[j]) == "overload"
+        )  # nominal is entered from it, and so fits all the time
+        if entered or self.not_nominal >= run.since:
             self.latched[j] = run
 
     def _doubted_before(self, k: int, t: Array, nominal: Mask) -> float:
@@ -141,6 +148,7 @@ class EventTracker:
 
         Samples on which no hypothesis is certain, or has only just become so, are not held against the winner.
         """
+        self._no_nominal(e, window)
         winner = p.argmax(axis=1)
         nis = e.nis[np.arange(e.t.size), winner]
         measured = np.isfinite(e.normalised).sum(axis=1)
@@ -158,6 +166,17 @@ class EventTracker:
                 self.misfits.setdefault(j, float(e.t[k]))
         self.winner, self.unsettled = int(winner[-1]), changed[1 - SETTLING :]
         self.ratios = joined[-(window - 1) :]
+
+    def _no_nominal(self, e: Estimate, window: int) -> None:
+        """When the mean NIS of nominal over a window last exceeded what the start of a rig that is off shows."""
+        measured = np.maximum(np.isfinite(e.normalised).sum(axis=1), 1)
+        joined = np.concatenate((self.nominal_ratios, np.nan_to_num(e.nis[:, 0] / measured)))
+        if joined.size >= window > 0:
+            mean = np.convolve(joined, np.ones(window) / window, "valid")
+            over = np.flatnonzero(mean > self.settings.latch_nis)
+            if over.size:
+                self.not_nominal = float(e.t[over[-1] + window - 1 - self.nominal_ratios.size])
+        self.nominal_ratios = joined[-(window - 1) :]
 
     def _add_rest(self, nis: Array) -> None:
         """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""

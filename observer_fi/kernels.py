@@ -57,6 +57,7 @@ class Tuning(NamedTuple):
 
     timing: float
     agility: float
+    tick: float
     bias_entry: float
     bias_diffusion: float
     failed: Array
@@ -74,6 +75,7 @@ def tuning(settings: BankSettings) -> Tuning:
     return Tuning(
         settings.timing,
         settings.agility,
+        settings.tick_s,
         settings.bias_entry,
         settings.bias_diffusion,
         failed,
@@ -195,7 +197,7 @@ def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, reached):
 
 
 @inlined
-def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, T):
+def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, tune, g, F, T):
     """Mean and covariance of hypothesis j a sample later: rows j of x, P, slow in place. g (3, n), F, T (4, n): scratch."""
     n, at_d = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D]
     tr.load_parameters(j, x, b.layout, b.parameters, p)
@@ -247,8 +249,9 @@ def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, g, F, 
     P[j, 2, 2] = x_var
     for k in range(n):
         P[j, k, k] += b.diffusion[j, k] * t
-    change = agility * (x[j, 0] - w_before)
-    P[j, 0, 0] += change * change
+    change = x[j, 0] - w_before
+    P[j, 0, 0] += tune.agility * tune.agility * change * change
+    P[j, 1, 1] += tune.tick * tune.tick * change * change
     if resting:
         P[j, 0, 0] = REST_VARIANCE
 
@@ -541,7 +544,7 @@ def run(
         for j in range(m):
             if not first:
                 _predict(
-                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility,
+                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune,
                     scr.g, scr.F, scr.T,
                 )  # fmt: skip
                 if b.failed[j] >= 0:
@@ -579,7 +582,7 @@ def run_unscented(
         for j in range(m):
             if not first:
                 unscented.predict(
-                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune.agility,
+                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune,
                     scr.unscented,
                 )  # fmt: skip
                 if b.failed[j] >= 0:

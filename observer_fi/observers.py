@@ -230,6 +230,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
         self.x = x[0]
         self.Q = np.diag(b.diffusion[0, : self.n] * u.dt)
         self.Q[0, 0] += (self.tune.agility * (self.x[0] - before)) ** 2
+        self.Q[1, 1] += (self.tune.tick * (self.x[0] - before)) ** 2
 
     def _advance(self, u: Step) -> None:
         ExtendedKalmanFilter.predict(self, u)
@@ -276,6 +277,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
         """filterpy's transform of the moved points, and the doubt in a change of speed; at rest as in the EKF."""
         x, P = unscented_transform(points, Wm, Wc, Q)
         P[0, 0] += (self.tune.agility * (x[0] - self.x[0])) ** 2
+        P[1, 1] += (self.tune.tick * (x[0] - self.x[0])) ** 2
         if not points[:, 0].any():
             P[0, 0] = REST_VARIANCE
         return x, P

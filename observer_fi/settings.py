@@ -41,6 +41,9 @@ class BankSettings:
     timing: float = 0.1
     # Speed lost or won in a sample that parameters outside the state (gains, supply, winding) put in doubt, as a share.
     agility: float = 0.05
+    # What a change of speed puts in doubt of the integral of a sampled servo [s]. Its delay, 60 us at 8 kHz, is one for all
+    # samples of a start, so that their doubts add up straight: hence more than the delay itself.
+    tick_s: float = 2e-4
     # A failed channel is off by a bias (relative to its noise on entry), repeats itself, or is noisy.
     bias_entry: float = 300.0
     bias_diffusion: float = 30.0
@@ -64,8 +67,10 @@ class DecisionSettings:
     """
 
     isolated: float = 0.95
-    # A fault that came and went is still one if it was certain for this long.
+    # A fault that came and went is still one if it was certain for this long, and nominal was this far off: times its
+    # expected NIS over window_s. Healthy rigs off by 3 % in five constants show at most 2.6 in a start.
     latch_s: float = 0.1
+    latch_nis: float = 4.0
     window_s: float = 0.1
     nis_limit: float = 2.0  # times the expected value
     strain_limit: float = 4.5

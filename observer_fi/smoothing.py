@@ -46,7 +46,7 @@ def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, x, P, ahead, P_a
                     cross[row, k, q] = state.P[0, k, q]
             dt = min(t[row] - t[row - 1], tune.longest)
             kernels._predict(
-                0, b, scr.p, state.x, state.P, state.slow, dt, interval, row, w_cmd[row], theta[row], tune.agility,
+                0, b, scr.p, state.x, state.P, state.slow, dt, interval, row, w_cmd[row], theta[row], tune,
                 scr.g, scr.F, scr.T,
             )  # fmt: skip
             for k in range(n):

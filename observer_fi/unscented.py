@@ -61,7 +61,7 @@ def _weights(n):
 
 
 @uncounted
-def predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, u):
+def predict(j, b, p, x, P, slow, t, interval, row, last, theta, tune, u):
     """As `_predict` of kernels.py, by the unscented transform; the slow states follow the centre. u: UnscentedWork."""
     n = b.layout[j, tr.SIZE]
     _sigma_points(j, n, x, P, u.L, u.points)
@@ -93,8 +93,9 @@ def predict(j, b, p, x, P, slow, t, interval, row, last, theta, agility, u):
             P[j, q, k] = total
     for k in range(n):
         P[j, k, k] += b.diffusion[j, k] * t
-    change = agility * (x[j, 0] - w_before)
-    P[j, 0, 0] += change * change
+    change = x[j, 0] - w_before
+    P[j, 0, 0] += tune.agility * tune.agility * change * change
+    P[j, 1, 1] += tune.tick * tune.tick * change * change
     if not moving:
         P[j, 0, 0] = tr.REST_VARIANCE
 

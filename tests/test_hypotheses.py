@@ -104,7 +104,9 @@ def test_rates_are_a_generator(fault: float, recovery: float, between: float, ra
     np.testing.assert_allclose(Q.sum(axis=1), 0.0, atol=1e-12 * np.abs(Q).max())
     assert (Q[~np.eye(len(Q), dtype=bool)] >= 0.0).all()
     assert Q[0, 1] == Q[0, 2] == fault and Q[0, 3] == fault * rare
-    assert Q[1, 0] == recovery and (Q[2:, 0] == 0.0).all()  # the mass can leave an obstacle; nothing else heals
+    assert (
+        Q[1, 0] == recovery and (Q[2:, 0] == 0.0).all()
+    )  # the mass can leave an obstacle; nothing else heals
 
 
 @pytest.mark.parametrize("dt", [1e-5, 1 / 1600, 1 / 400, 1.0, 1000.0])

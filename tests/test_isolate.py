@@ -141,6 +141,13 @@ def test_a_fault_that_came_and_went_counts_if_it_was_certain_for_long(seconds: f
         assert v.posterior["overload"] == pytest.approx(SETTINGS.isolated)
 
 
+@pytest.mark.parametrize(("nis", "label"), [(7.5, "nominal"), (15.0, "sensor_fault")])
+def test_a_sensor_fault_that_came_and_went_must_leave_nominal_at_a_loss(nis: float, label: str) -> None:
+    """The start of a rig whose gains are off doubts a sensor for a while, but nominal explains it nearly as well."""
+    v = verdict(rest(), Part(0.3), Part(0.2, "sensor:voltage", others=nis), Part(0.5), rest())
+    assert v.label == label
+
+
 def test_doubt_that_passes_is_no_fault() -> None:
     assert verdict(rest(), Part(0.3), Part(0.4, "overload", 0.9), Part(0.3), rest()).label == "nominal"
     assert verdict(rest(), Part(0.3), Part(0.4, "unknown"), Part(0.3), rest()).label == "nominal"

@@ -6,7 +6,7 @@ import pytest
 
 from pipelines import diagnose_study as d
 
-SMALL = 10  # moves of each class
+SMALL = 20  # moves of each class
 
 
 @pytest.fixture(scope="module")
@@ -14,20 +14,20 @@ def few() -> pd.DataFrame:
     return d.study(d.jobs(d.NAMED, SMALL))
 
 
-def test_thirty_moves_are_right(few: pd.DataFrame) -> None:
+def test_sixty_moves_are_right(few: pd.DataFrame) -> None:
     assert few["right"].all(), d.wrong(few)
     assert not (few["isolated_ms"] < 0.0).any()
 
 
-def test_thirty_moves_are_isolated_fast_and_placed_well(few: pd.DataFrame) -> None:
-    """The medians asked of 300 moves, with room for 10: a median of 10 may be 1.4 times that of all."""
-    for label, delay_ms in (("overload", 50.0), ("coupling_loss", 14.0)):
+def test_sixty_moves_are_isolated_fast_and_placed_well(few: pd.DataFrame) -> None:
+    """The medians asked of 300 moves (50 and 10 ms), with room for 20: a quarter of all coupling losses take over 10 ms."""
+    for label, delay_ms in (("overload", 50.0), ("coupling_loss", 15.0)):
         g = few[few["label"] == label]
         assert g["isolated_ms"].median() < delay_ms
         assert g["found_ms"].abs().median() < 15.0
 
 
-def test_thirty_moves_are_consistent(few: pd.DataFrame) -> None:
+def test_sixty_moves_are_consistent(few: pd.DataFrame) -> None:
     assert few["nis"].between(2.7, 3.2).all()  # 3 expected, less what starts leave in doubt
 
 

@@ -394,7 +394,7 @@ def test_a_covariance_that_rounding_spoilt_still_has_sigma_points() -> None:
 def test_smoother_equals_filterpys_on_a_linear_case() -> None:
     """Without friction, saturation and travel the servo is linear around its steady state."""
     free = with_values(RIG, {"A": 1e-30, "A_decoupled": 1e-30, "B": 1e-30, "Vmax": 1e6, "D": 1e-30})
-    settings = BankSettings(augment=False, timing=0.0, agility=0.0, glitch_sigma=1e6)
+    settings = BankSettings(augment=False, timing=0.0, agility=0.0, tick_s=0.0, glitch_sigma=1e6)
     h = bank(free, settings)[0]
     assert h.states == ("w", "I", "x")
     rng = np.random.default_rng(0)
