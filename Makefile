@@ -9,8 +9,9 @@ BENCH_READY := $(VENV)/.installed-bench
 
 # The sample logs: those that need a column map live in a folder of their own and are not diagnosed here.
 LOGS := $(sort $(wildcard data/*.csv.gz data/*.csv))
-# The pipelines whose reports are committed.
-STUDIES := $(wildcard pipelines/reproduce_paper.py pipelines/compare_mixture.py)
+# The pipelines whose reports are committed; those of recorded data only where they are.
+STUDIES := $(addprefix pipelines/,reproduce_paper.py compare_mixture.py diagnose_study.py identify_study.py improve_study.py)
+STUDIES += $(if $(OBSERVER_FI_DATA),pipelines/identify_emps.py pipelines/improve_emps.py)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 
 .PHONY: help install demo test slow lint check bench report wheel clean
@@ -22,7 +23,7 @@ help:
 	@echo "make lint    format, lint, types, import contract"
 	@echo "make check   lint and test"
 	@echo "make bench   speed and memory against peers"
-	@echo "make report  write the committed reports anew"
+	@echo "make report  write the committed reports anew (hours: every study, many seeds)"
 	@echo "make wheel   build the sdist and the wheel into dist/"
 	@echo "make clean   remove the environment and everything built"
 
