@@ -219,8 +219,12 @@ _TABLE = (
         separate_by="the supply voltage itself, or starts of several sizes that saturate",
     ),
     Cause(
-        "current_lag", "servo", "T di/dt = i_cmd - i", "bandwidth of the inner loop",
-        _one("current_lag", 1e-4, 6e-5, 0.05),
+        "current_lag", "servo", "T di/dt = i_cmd - i, before or behind the supply's limit",
+        "bandwidth of the inner loop; inductance of the winding",
+        (
+            Variant("of the command", (Term("current_lag", 1e-4, 6e-5, 0.05),)),
+            Variant("of the current", (Term("current_lag", 1e-4, 6e-5, 0.05),), (("lag_behind_limit", 1.0),)),
+        ),
         confused_with=("input_delay",),
         separate_by="a faster logger through a start, both signals from one clock",
     ),

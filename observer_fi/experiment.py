@@ -17,6 +17,7 @@ from observer_fi import simulate as s
 from observer_fi.command import corners
 from observer_fi.models import Model, Rig
 from observer_fi.records import Array, Log, Segment
+from observer_fi.reversals import Doubt, doubt_of, less_doubt
 from observer_fi.trapezoid import quarters
 
 REST_S = 0.05  # of the rest before a move: enough samples for its starting point
@@ -42,7 +43,8 @@ class Experiment:
     t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the
     noise, 0 where missing; fine (N,); log (M,) index of the log; start (M,) row of its log; peak (M,) rad/s and
     pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current [A] and
-    position [m] at rest; noise (3,). knots: per log, times and values of the commanded speed. history: per log, time
+    position [m] at rest; noise (3,). doubts: per move, what a reversal
+    leaves open. knots: per log, times and values of the commanded speed. history: per log, time
     and current on the whole log, for the slow states.
     """
 
@@ -60,6 +62,7 @@ class Experiment:
     before: Array
     rest: Array
     noise: Array
+    doubts: tuple[Doubt, ...]
     knots: tuple[tuple[Array, Array], ...]
     history: tuple[tuple[Array, Array], ...]
     accel: float
@@ -132,7 +135,7 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     accel = rig.model["accel_cmd"]
     noise = noise_of(logs, rig)
     every = [
-        _part(log, k, m, segments, noise)
+        _part(log, k, m, segments, noise, rig.model)
         for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
         for m in range(len(segments))
     ]
@@ -152,6 +155,7 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         **each,
         bounds=np.concatenate(([0], np.cumsum(rows))).astype(np.int64),
         noise=noise,
+        doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
         history=tuple((log.t, _filled(log.z[:, 1])) for log in logs),
         accel=accel,
@@ -171,10 +175,20 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
             for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
         },
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
+        doubts=tuple(experiment.doubts[m] for m in moves),
     )
 
 
-def _part(log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array) -> dict | None:
+def whitened(experiment: Experiment, r: Array) -> Array:
+    """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
+    for m, doubt in enumerate(experiment.doubts):
+        less_doubt(r[experiment.rows(m)], doubt)
+    return r
+
+
+def _part(
+    log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array, model: Model
+) -> dict | None:
     """One move as rows of an experiment, or None where it has no rest to start from."""
     segment = segments[m]
     dt = float(np.median(np.diff(log.t)))
@@ -191,6 +205,8 @@ def _part(log: Log, number: int, m: int, segments: Sequence[Segment], noise: Arr
     w_cmd = log.w_cmd[rest:end]
     corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
     since = _since(log.t[rest:end], corner)
+    gapless = np.stack([_filled(channel) for channel in z.T], axis=1)
+    brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
     return {
         "t": log.t[rest:end],
         "theta": np.nan_to_num(log.pitch[rest:end]),
@@ -204,6 +220,7 @@ def _part(log: Log, number: int, m: int, segments: Sequence[Segment], noise: Arr
         "pitch": segment.pitch,
         "before": float(np.sign(segments[m - 1].peak)) if m else 0.0,
         "rest": np.nanmean(still[:, 1:], axis=0),
+        "doubt": doubt_of(log.t[rest:end], gapless, weight, brake, model),
     }
 
 
@@ -324,6 +341,9 @@ def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:
     starts[:, s.LAGGED] = true_i
     starts[:, s.MASS] = true_x
     starts[:, s.X] = true_x + (0.5 * p[a.BACKLASH] * before if extended else 0.0)
+    # On which side of the play a log begins is unknown: what is free there is the screw, not the mass.
+    first = experiment.before == 0.0
+    starts[first, s.MASS] -= nuisance[first, 1]
     starts[:, s.PHI] = starts[:, s.X] / p[a.D]
     starts[:, s.H], starts[:, s.SAG] = _slow_start(experiment, p)
     return starts

@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.experiment import Experiment, commands, prepare, simulate
+from observer_fi.experiment import Experiment, commands, prepare, simulate, whitened
 from observer_fi.models import Model, Rig, override
+from observer_fi.products import along, gram, self_gram, square
 from observer_fi.records import Array, Log, Segment
 
 _ITERATIONS = 20
@@ -167,13 +168,16 @@ def fit(
 def residuals(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> Array:
-    """(N, 3) normalised residuals, (z - y) / std, 0 where missing."""
-    return (experiment.z - simulate(experiment, model, nuisance, ready)) * experiment.weight
+    """(N, 3) normalised residuals, (z - y) / std, 0 where missing, less what reversals leave open."""
+    return whitened(
+        experiment, (experiment.z - simulate(experiment, model, nuisance, ready)) * experiment.weight
+    )
 
 
 def objective(model: Model, free: Sequence[Free], r: Array) -> float:
     """Half the sum of squares, priors included [nats]."""
-    total = 0.5 * float(np.vdot(r, r)) if np.isfinite(r).all() else math.inf
+    total = 0.5 * square(r)
+    total = total if math.isfinite(total) else math.inf
     return total + 0.5 * sum(((model[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
 
 
@@ -237,12 +241,12 @@ def project(
         G = columns[:, rows].reshape(k, -1)
         N = around[:, rows].reshape(2, -1)
         residual = r[rows].ravel()
-        block = np.linalg.inv(N @ N.T + np.diag(weight[m]))
-        cross = N @ G.T
-        pull[m] = block @ (N @ residual - weight[m] * nuisance[m] / step)
+        block = np.linalg.inv(self_gram(N) + np.diag(weight[m]))
+        cross = gram(N, G)
+        pull[m] = block @ (along(N, residual) - weight[m] * nuisance[m] / step)
         follow[m] = block @ cross
-        H[m] = G @ G.T - cross.T @ follow[m]
-        g[m] = G @ residual - cross.T @ pull[m]
+        H[m] = self_gram(G) - cross.T @ follow[m]
+        g[m] = along(G, residual) - cross.T @ pull[m]
     return Normal((), H, g, np.ones(k)), pull, follow
 
 
@@ -312,7 +316,7 @@ def nll_per_sample(experiment: Experiment, r: Array) -> float:
     """Mean over the samples of minus the log-likelihood of the measured channels [nats, SI densities]."""
     seen = experiment.weight > 0.0
     constant = np.log(experiment.noise * math.sqrt(2.0 * math.pi))
-    total = 0.5 * float(np.vdot(r, r)) + float((seen * constant).sum())
+    total = 0.5 * square(r) + float((seen * constant).sum())
     return total / max(int(seen.any(axis=1).sum()), 1)
 
 

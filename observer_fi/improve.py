@@ -15,14 +15,15 @@ from observer_fi.experiment import Experiment, prepare
 from observer_fi.fitting import FitResult, autocorrelation, nll_per_sample
 from observer_fi.models import Model, Rig, with_values
 from observer_fi.naming import (
-    DUST,
     Named,
     Naming,
     NamingSettings,
+    dust,
     excess,
     held_out_residuals,
     name_causes,
 )
+from observer_fi.products import square
 from observer_fi.records import Array, Log, Segment
 from observer_fi.residuals import Residuals, residual_tables
 from observer_fi.stops import find_stops
@@ -37,7 +38,6 @@ _IMPERFECT = 2.0
 _SAMPLED = ("current_lag", "input_delay", "voltage_delay")
 _WHITE_LAGS = 20
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
-_SMOOTH_NATS = 15.0  # that a smooth term must gain on held-out moves, over the price of its knots in all
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -250,7 +250,8 @@ def _error(parameter: str, std: dict[str, float], model: Model) -> float:
     """
     error = _IMPERFECT * std.get(parameter, 0.0)
     if parameter in _SAMPLED:
-        return math.hypot(error, model["servo_delay"] / math.sqrt(3.0))
+        half_a_period = math.hypot(model["servo_delay"], model["tick_phase"])
+        return math.hypot(error, half_a_period / math.sqrt(3.0))
     return error
 
 
@@ -263,13 +264,13 @@ def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
     """The smooth terms that the extended model still asks for, the best first."""
     r = naming.extended.residuals
     n = int((experiment.weight > 0.0).sum())
-    whole = max(0.5 * (float(np.vdot(r, r)) - n), *(_raw_excess(experiment, r, c) for c in range(3)))
+    whole = max(0.5 * (square(r) - n), *(_raw_excess(experiment, r, c) for c in range(3)))
     terms = smooth_terms(experiment, naming.extended, whole)
     jumps = rest_jumps(experiment, 0.0)  # its share is that of the jumps themselves
     if jumps is not None:
         terms = sorted([*terms, jumps], key=lambda term: -term.held_out)
     best = terms[0]
-    floor = max(_SMOOTH_NATS, DUST * excess(experiment, naming.baseline.residuals))
+    floor = dust(experiment, excess(experiment, naming.baseline.residuals))
     price = 0.0 if best is jumps else 0.5 * best.at.size * math.log(n)
     if best.held_out < floor or best.gain < floor + price:
         return ()

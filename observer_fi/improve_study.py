@@ -66,6 +66,11 @@ class Case:
     inside: bool
 
 
+def case_of(row: dict[str, Any]) -> Case:
+    """The case that a row is about."""
+    return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"])
+
+
 def run_case(case: Case, frame: Any, truth: dict[str, Any]) -> dict[str, Any]:
     """One row: what was found, in order, whether it is right, and how far the size is off in standard errors."""
     log = Log(

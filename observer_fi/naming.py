@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.experiment import Experiment, select
 from observer_fi.fitting import FitResult, Free, fit, inflation, objective, residuals, without_moves
 from observer_fi.models import Model, Rig, override
+from observer_fi.products import square
 from observer_fi.records import Array
 from observer_fi.screening import Candidate, reach_of, refit, screen
 from observer_fi.unexplained import smooth_terms
@@ -27,17 +29,15 @@ _SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the perio
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
 _TICK_PHASE = Free("tick_phase", 1e-5, -2e-4, 2e-4, 0.0, 3e-5)
 _STOPS = {"C": 1.0, "E": 0.2}
-
-
-DUST = 0.003
+_DUST = 0.003
+_DUST_NOISE = 0.07
 
 
 @dataclass(frozen=True)
 class NamingSettings:
     """What it takes to name a cause.
 
-    share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel. dust:
-    of the baseline's excess, below which nothing is named: imperfections of larger causes look like that. held_out:
+    share: of the excess misfit (over the noise) that a cause must explain, or channel_share of it in one channel. held_out:
     share of the gain that must be seen on held-out moves. close: nats, per unit of the residuals' inflation, within
     which a rival cannot be told apart. rivals: how many are refitted in a round. margin: nats over the penalty. A cause
     is refused where one smooth term gains smooth_factor times as much, smooth_nats more, and smooth_share of all: the
@@ -46,7 +46,6 @@ class NamingSettings:
 
     share: float = 0.25
     channel_share: float = 0.5
-    dust: float = DUST
     held_out: float = 0.3
     close: float = 6.0
     rivals: int = 6
@@ -101,16 +100,27 @@ def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
 def excess(experiment: Experiment, r: Array) -> float:
     """Misfit over the noise [nats], less three standard deviations of what white noise alone shows; never negative."""
     n = int((experiment.weight > 0.0).sum())
-    return max(0.5 * (float(np.vdot(r, r)) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+    return max(0.5 * (square(r) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+
+
+def dust(experiment: Experiment, most: float) -> float:
+    """Nats below which nothing is named or told: imperfections of larger causes, and of timing, look like that.
+
+    0.3 % of the baseline's excess `most`, and a misfit of 7 % of the noise.
+    """
+    return max(_DUST * most, 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum()))
 
 
 def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
-    """(N, 3) residuals of every move under the parameters fitted without it, started from its own rest only."""
+    """(N, 3) residuals of every move under the parameters fitted without it.
+
+    Current and position of its rest are the move's own: no other move can tell them, nor the phase of a shaft there.
+    """
     parts = []
     for m in range(experiment.moves):
         model = without_moves(fitted, [m])
         window = [m - 1, m] if m and model["backlash"] != 0.0 else [m]
-        r = residuals(select(experiment, window), model, np.zeros((len(window), 2)))
+        r = residuals(select(experiment, window), model, fitted.nuisance[window])
         parts.append(r[-(experiment.rows(m).stop - experiment.rows(m).start) :])
     return np.concatenate(parts)
 
@@ -208,7 +218,7 @@ def _matters(
     most: the excess of the baseline [nats].
     """
     gain = before.objective - after.objective
-    if gain < settings.dust * most:
+    if gain < dust(experiment, most):
         return False
     if gain >= settings.share * excess(experiment, before.residuals):
         return True
@@ -225,7 +235,7 @@ def _smooth_is_better(
 ) -> bool:
     """Whether one smooth term explains nearly all that is left where the named cause explains far less."""
     n = int((experiment.weight > 0.0).sum())
-    left = 0.5 * (float(np.vdot(before.residuals, before.residuals)) - n)
+    left = 0.5 * (square(before.residuals) - n)
     if gain > left and excess(experiment, after.residuals) == 0.0:
         return False
     best = smooth_terms(experiment, before, left)[0]
@@ -266,7 +276,7 @@ def _held_out_gain(experiment: Experiment, before: FitResult, after: FitResult) 
     prior = objective(before.model, before.free, np.zeros(1)) - objective(
         after.model, after.free, np.zeros(1)
     )
-    return 0.5 * float(np.vdot(r0, r0) - np.vdot(r1, r1)) + prior
+    return 0.5 * (square(r0) - square(r1)) + prior
 
 
 def _indistinguishable(
@@ -313,5 +323,6 @@ def _without(experiment: Experiment, fitted: FitResult, candidate: Candidate) ->
     terms = candidate.variant.terms
     names = {t.parameter for t in terms}
     neutral = {t.parameter: t.neutral for t in terms}
+    neutral |= {name: PARAMETERS[name][1] or 0.0 for name, _ in candidate.variant.fixed}
     free = tuple(f for f in fitted.free if f.name not in names)
     return fit(experiment, override(fitted.model, fitted.model.name, **neutral), free, fitted.nuisance)

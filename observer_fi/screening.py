@@ -18,6 +18,7 @@ from observer_fi.effects import CAUSES, Cause, Term, Variant
 from observer_fi.experiment import Experiment, run
 from observer_fi.fitting import FitResult, Free, fit, nuisance_columns, residuals, scales
 from observer_fi.models import Model, override
+from observer_fi.products import along, less, orthonormal, self_gram
 from observer_fi.records import Array
 
 _SHAPE_STEP = 0.03  # relative step of a shape
@@ -28,8 +29,7 @@ _REFIT_ITERATIONS = 10
 class Candidate:
     """One variant with its score. gain: nats that the linearised term gains; size: its linear estimate by name.
 
-    direction (N, 3): what the best combination of its columns does to the readings, projected off the refit, of
-    length one; |cos| between two candidates says whether the data can tell them apart.
+    detectable: one standard error of each size beside the refit, for white residuals.
     """
 
     cause: Cause
@@ -37,7 +37,6 @@ class Candidate:
     gain: float
     size: dict[str, float]
     detectable: dict[str, float]
-    direction: Array
 
 
 def start_values(variant: Variant, reach: dict[str, float]) -> dict[str, float]:
@@ -127,30 +126,27 @@ class Projector:
         self._bases = []
         for m in range(experiment.moves):
             rows = experiment.rows(m)
-            q, values, _ = np.linalg.svd(around[:, rows].reshape(2, -1).T, full_matrices=False)
-            self._bases.append(q[:, values > 1e-9 * values[0]])
+            self._bases.append(orthonormal(around[:, rows].reshape(2, -1)))
         unit = scales(fitted.free)
         prior = np.array([u / f.prior_std for u, f in zip(unit, fitted.free, strict=True)])
         self.r = self._clean(fitted.residuals)
         G = np.array([self._clean(column) for column in fitted.columns])
         pull = np.array([(f.prior - fitted.model[f.name]) / f.prior_std for f in fitted.free])
-        stacked = np.hstack([G, np.diag(prior)])
-        scale = np.linalg.norm(stacked, axis=1)
-        u, values, vt = np.linalg.svd(stacked / np.maximum(scale, 1e-300)[:, None], full_matrices=False)
-        self.basis = vt[values > 1e-9 * values[0]]
+        self.basis = orthonormal(np.hstack([G, np.diag(prior)]))
         self.r = np.concatenate([self.r, pull])
-        self.r = self.r - self.basis.T @ (self.basis @ self.r)
+        less(self.r, along(self.basis, self.r), self.basis)
 
     def __call__(self, column: Array) -> Array:
         y = np.concatenate([self._clean(column), np.zeros(self.r.size - column.size)])
-        return y - self.basis.T @ (self.basis @ y)
+        less(y, along(self.basis, y), self.basis)
+        return y
 
     def _clean(self, column: Array) -> Array:
-        out = np.empty(column.size)
-        for m, q in enumerate(self._bases):
+        out = column.ravel().copy()
+        for m, basis in enumerate(self._bases):
             rows = self.experiment.rows(m)
-            y = column[rows].ravel()
-            out[3 * rows.start : 3 * rows.stop] = y - q @ (q.T @ y)
+            y = out[3 * rows.start : 3 * rows.stop]
+            less(y, along(basis, y), basis)
         return out
 
 
@@ -158,25 +154,23 @@ def _score(
     base: Projector, cause: Cause, variant: Variant, block: Array, reach: dict[str, float]
 ) -> Candidate | None:
     C = np.array([base(column) for column in block])
-    if not np.isfinite(C).all() or np.linalg.norm(C) < 1e-3:
+    H = self_gram(C)
+    if not np.isfinite(H).all() or np.trace(H) < 1e-6:
         return None
-    gain, weights = _best_subset(C, base.r, variant.sizes)
-    direction = weights @ C if gain > 0.0 else C[0]
-    length = float(np.linalg.norm(direction))
+    gain, weights = _best_subset(H, along(C, base.r), variant.sizes)
     size, detectable = {}, {}
-    inverse = np.linalg.pinv(C @ C.T)
+    inverse = np.linalg.pinv(H)
     for k, term in enumerate(variant.sizes):
         start = _start(term, reach)
         unit = start - term.neutral if math.isfinite(term.neutral) else start / 0.999 - start
         origin = term.neutral if math.isfinite(term.neutral) else start
         size[term.parameter] = origin + weights[k] * unit if math.isfinite(term.neutral) else start
         detectable[term.parameter] = abs(unit) * math.sqrt(max(inverse[k, k], 0.0))
-    return Candidate(cause, variant, gain, size, detectable, direction / length)
+    return Candidate(cause, variant, gain, size, detectable)
 
 
-def _best_subset(C: Array, r: Array, terms: tuple[Term, ...]) -> tuple[float, Array]:
+def _best_subset(H: Array, g: Array, terms: tuple[Term, ...]) -> tuple[float, Array]:
     """Largest gain [nats] over subsets of the terms that respect the signs, and the weights in units of the starts."""
-    H, g = C @ C.T, C @ r
     best, weights = 0.0, np.zeros(len(terms))
     for count in range(1, len(terms) + 1):
         for chosen in combinations(range(len(terms)), count):

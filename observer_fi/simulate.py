@@ -30,7 +30,17 @@ def _drive_current(w, I, c, h, sag, late, torque, moving, p):
         i_cmd = a.command_current(w, I, late, p)
         if moving and p[a.SERVO_DELAY] != 0.0:
             i_cmd = a.late_current(i_cmd, torque, p)
+    elif p[a.LAG_BEHIND_LIMIT] != 0.0:
+        return c
     return a.limited_current(i_cmd, w, h, sag, p)
+
+
+@inlined
+def _lagged_goal(i_cmd, w, h, sag, p):
+    """What the lagged current tends to: the command, or what the supply allows of it where the current itself lags [A]."""
+    if p[a.LAG_BEHIND_LIMIT] != 0.0:
+        return a.limited_current(i_cmd, w, h, sag, p)
+    return i_cmd
 
 
 @inlined
@@ -46,7 +56,8 @@ def _rates(s, w, I, x, phi, h, sag, c, w_cmd, late, theta, p):
         if abs(I) >= p[a.INTEGRATOR_LIMIT] and dI * I > 0.0:
             dI = 0.0
         if p[a.CURRENT_LAG] > 0.0:
-            goal = a.command_current(w, I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
+            i_cmd = a.command_current(w, I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
+            goal = _lagged_goal(i_cmd, w, h, sag, p)
             dc = (goal - c) / p[a.CURRENT_LAG]
     return dw, dI, a.mass_speed(w, d, torque, p), dc
 
@@ -87,14 +98,14 @@ def _breakaway(I, x, phi, h, sag, c, late, theta, p):
 
 
 @inlined
-def _rest(I, c, t, w_cmd, late, p):
+def _rest(I, c, t, h, sag, w_cmd, late, p):
     """Integral and lagged current after a time t at standstill."""
     if p[a.EXTENDED] == 0.0:
         return I + t * w_cmd, c
     if not (abs(I) >= p[a.INTEGRATOR_LIMIT] and w_cmd * I > 0.0):
         I += t * w_cmd
     if p[a.CURRENT_LAG] > 0.0:
-        goal = a.command_current(0.0, I, late, p)
+        goal = _lagged_goal(a.command_current(0.0, I, late, p), 0.0, h, sag, p)
         c = goal + (c - goal) * math.exp(-t / p[a.CURRENT_LAG])
     return I, c
 
@@ -112,7 +123,7 @@ def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
         else:
             s = _breakaway(I, x, phi, h, sag, c, l1, theta, p)
         if s == 0.0:
-            I, c = _rest(I, c, left, c1, l1, p)
+            I, c = _rest(I, c, left, h, sag, c1, l1, p)
             break
         f = 1.0 - left / step
         w1, I1, x1, phi1, q1 = _slide(
@@ -130,7 +141,7 @@ def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
         if left <= 1e-9 * step:
             break
         if share == 0.0:
-            I, c = _rest(I, c, left, c1, l1, p)
+            I, c = _rest(I, c, left, h, sag, c1, l1, p)
             break
     return w, I, x, phi, c
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from observer_fi import actuator as a
 from observer_fi import simulate as s
 from observer_fi.compiled import compiled
-from observer_fi.experiment import Experiment, run
+from observer_fi.experiment import Experiment, run, whitened
 from observer_fi.fitting import FitResult
+from observer_fi.products import along, self_gram
 from observer_fi.records import Array
 from observer_fi.screening import Projector
 
@@ -127,8 +128,8 @@ def _wave(
     for f in _FREQUENCIES:
         wave = _sine(f, experiment.t)
         columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
-        g = columns @ projector.r[: columns.shape[1]]
-        gain = float(np.sum(g**2 / np.maximum(np.sum(columns**2, axis=1), 1e-300)))
+        g = along(columns, projector.r[: columns.shape[1]])
+        gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
         if gain > best:
             best, at = gain, f
     return np.array([at, at]), _sine(at, experiment.t)
@@ -156,7 +157,7 @@ def response(
     channel = {"sensor:voltage": 0, "sensor:current": 1, "sensor:position": 2}.get(equation)
     if channel is not None:
         out[:, :, channel] = forcing
-        return out * experiment.weight
+        return _normalised(experiment, out)
     p = fitted.model.vector
     w, i, h = states[:, s.W], states[:, s.CURRENT], states[:, s.H]
     limit = p[a.VMAX] - states[:, s.SAG]
@@ -174,7 +175,14 @@ def response(
             p,
             out[:, rows],
         )
-    return out * experiment.weight
+    return _normalised(experiment, out)
+
+
+def _normalised(experiment: Experiment, columns: Array) -> Array:
+    columns *= experiment.weight
+    for column in columns:
+        whitened(experiment, column)
+    return columns
 
 
 @compiled
@@ -231,10 +239,10 @@ def _judge(
 ) -> Smooth:
     """Gain of a smooth term, in all and predicted for every move from the others."""
     C = np.array([projector(column) for column in columns])
-    size = np.linalg.norm(C, axis=1)
+    size = np.sqrt([along(row[None], row)[0] for row in C])
     good = size > 1e-9 * max(float(size.max()), 1e-300)
     C = C[good] / size[good][:, None]
-    H, g = C @ C.T, C @ projector.r
+    H, g = self_gram(C), along(C, projector.r)
     ridge = _RIDGE * np.eye(g.size)
     weights = np.linalg.solve(H + ridge, g)
     gain = 0.5 * float(g @ weights)
@@ -242,7 +250,7 @@ def _judge(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         block = C[:, 3 * rows.start : 3 * rows.stop]
-        Hm, gm = block @ block.T, block @ projector.r[3 * rows.start : 3 * rows.stop]
+        Hm, gm = self_gram(block), along(block, projector.r[3 * rows.start : 3 * rows.stop])
         other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
         held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
     curve, band = np.zeros(at.size), np.zeros(at.size)

@@ -1,61 +1,77 @@
 """How well `improve` names what is hidden from it: many seeds of the independent truth, one table.
 
-    python pipelines/improve_study.py --seeds 2 --first 9000 --out reports/improve.md
+    python pipelines/improve_study.py --first 30000 --out reports/improve.md
 
-Seeds below 8000 were seen while thresholds were set; the report uses seeds from 9000 on.
+Seeds below 8000 were seen while thresholds were set; the report uses seeds from 30000 on. A run that was interrupted
+goes on where it stopped.
 """
 
 import argparse
 import json
 import sys
-import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 
-from observer_fi.improve_study import PAIRS, Case, run_case, summary  # noqa: E402
+from observer_fi.improve_study import PAIRS, Case, case_of, run_case, summary  # noqa: E402
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=2, help="seeds for each cause and size")
-    parser.add_argument("--first", type=int, default=9000, help="first seed")
-    parser.add_argument("--controls", type=int, default=20, help="seeds without any effect")
-    parser.add_argument("--sizes", default="1,3,10", help="sizes in units of the detectable one")
+    parser.add_argument("--first", type=int, default=30000, help="first seed")
+    parser.add_argument("--sizes", default="3:2,1:1,10:1", help="sizes in units of the detectable one: seeds")
+    parser.add_argument("--controls", type=int, default=40, help="seeds without any effect")
+    parser.add_argument("--pairs", type=int, default=2, help="seeds for each pair of effects")
     parser.add_argument("--causes", default="", help="only these causes, separated by commas")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--results", type=Path, default=ROOT / "reports" / "improve_study.jsonl")
     parser.add_argument("--out", type=Path, default=ROOT / "reports" / "improve.md")
     options = parser.parse_args(arguments)
+    options.results.parent.mkdir(parents=True, exist_ok=True)
+    done = {case_of(row) for row in _rows(options.results)}
+    todo = [case for case in _cases(options) if case not in done]
+    with ProcessPoolExecutor(options.workers) as pool, options.results.open("a") as file:
+        running = [pool.submit(_run, case) for case in todo]
+        for k, future in enumerate(as_completed(running)):
+            row = future.result()
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            print(f"{k + 1}/{len(todo)} {row['causes']} {row['seconds']:.1f} s", file=sys.stderr)
+    options.out.write_text(summary(_rows(options.results)))
+    print(f"wrote {options.out}")
+    return 0
+
+
+def _cases(options: argparse.Namespace) -> list[Case]:
     import hidden  # the truth lives with the tests, not in the package
 
     only = set(options.causes.split(",")) - {""}
-    seeds = range(options.first, options.first + options.seeds)
-    sizes = [float(size) for size in options.sizes.split(",")]
-    cases = [
-        Case((cause,), size, seed, cause in hidden.CAUSES)
-        for size in sizes
-        for cause in (*hidden.CAUSES, *hidden.OUTSIDE)
-        for seed in seeds
-        if not only or cause in only
-    ]
+    cases = []
+    for size, seeds in (item.split(":") for item in options.sizes.split(",")):
+        for cause in (*hidden.CAUSES, *hidden.OUTSIDE):
+            if not only or cause in only:
+                count = max(int(seeds), 2) if cause in hidden.OUTSIDE and float(size) > 1.0 else int(seeds)
+                cases += [
+                    Case((cause,), float(size), options.first + k, cause in hidden.CAUSES)
+                    for k in range(count)
+                ]
     if not only:
         cases += [Case((), 0.0, options.first + k, True) for k in range(options.controls)]
-        cases += [Case(pair, 3.0, seed, True) for pair in PAIRS for seed in seeds]
-    options.results.parent.mkdir(parents=True, exist_ok=True)
-    rows = []
-    with options.results.open("w") as file:
-        for k, case in enumerate(cases):
-            began = time.perf_counter()
-            spec = hidden.draw_effects_case(case.seed, case.causes, case.size)
-            frame, truth = hidden.make_log(spec, case.seed)
-            rows.append(run_case(case, frame, truth))
-            file.write(json.dumps(rows[-1]) + "\n")
-            file.flush()
-            print(f"{k + 1}/{len(cases)} {case.causes} {time.perf_counter() - began:.1f} s", file=sys.stderr)
-    options.out.write_text(summary(rows))
-    print(f"wrote {options.out}")
-    return 0
+        cases += [Case(pair, 3.0, options.first + k, True) for pair in PAIRS for k in range(options.pairs)]
+    return cases
+
+
+def _run(case: Case) -> dict:
+    import hidden
+
+    frame, truth = hidden.make_log(hidden.draw_effects_case(case.seed, case.causes, case.size), case.seed)
+    return run_case(case, frame, truth)
+
+
+def _rows(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 if __name__ == "__main__":
