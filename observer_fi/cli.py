@@ -15,10 +15,12 @@ from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
 
 if TYPE_CHECKING:
+    from observer_fi.models import Rig
     from observer_fi.records import Log
     from observer_fi.scenario import Scenario
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
+Improved = tuple[dict[str, Any], dict[str, str], str]  # JSON, files, headline
 T = TypeVar("T")
 
 
@@ -445,21 +447,40 @@ def _identify(args: argparse.Namespace) -> int:
 
 
 def _improve(args: argparse.Namespace) -> int:
-    from observer_fi.improve import improve, to_json
     from observer_fi.ingest import log_name
-    from observer_fi.learning_report import improve_files, improve_headline
     from observer_fi.models import load_rig
     from observer_fi.output import write_folder
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
     logs = _learning_logs(args)
-    record = improve(logs, rig, progress=_step(args))
-    write_folder(args.out / name, improve_files(record, name, list(args.logs)))
+    improved = _improve_force if rig.drive == "force" else _improve_servo
+    result, files, headline = improved(logs, rig, name, args)
+    write_folder(args.out / name, files)
     if args.json:
-        emit_json(to_json(record))
+        emit_json(result)
     elif not args.quiet:
-        print(f"{name}: {improve_headline(record)}  {args.out / name / 'report.html'}")
+        print(f"{name}: {headline}  {args.out / name / 'report.html'}")
     return OK
+
+
+def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
+    """A rig with a servo: simulated moves against measured ones."""
+    from observer_fi.improve import improve, to_json
+    from observer_fi.learning_report import improve_files, improve_headline
+
+    record = improve(logs, rig, progress=_step(args))
+    return to_json(record), improve_files(record, name, list(args.logs)), improve_headline(record)
+
+
+def _improve_force(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
+    """A rig that logs the drive force: the force that its motion asks for against the commanded one."""
+    from observer_fi.inverse_improve import to_json
+    from observer_fi.inverse_motion import prepare
+    from observer_fi.inverse_naming import name_causes
+    from observer_fi.inverse_report import improve_files, improve_headline
+
+    ladder = name_causes(rig, [prepare(log) for log in logs], progress=_step(args))
+    return to_json(ladder), improve_files(ladder, name, list(args.logs)), improve_headline(ladder)
 
 
 def _step(args: argparse.Namespace) -> Callable[[str], None]:

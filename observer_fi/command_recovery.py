@@ -26,6 +26,7 @@ SIGMAS = 6.0
 BEGIN_S = 0.2
 LONG_HOLE = 4  # samples
 RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
+STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
 Mask = NDArray[np.bool_]
@@ -44,14 +45,16 @@ def recover_command(log: Log, model: Model) -> Log:
     """`log` with `w_cmd` recovered, and a note that says so.
 
     Moves that hold their speed for less than two blocks of 5 ms are not seen. Raises InvalidLogError where
-    neither voltage nor encoder tell the speed, UsageError where the model has no speed loop.
+    neither voltage nor encoder tell the speed, UsageError where the model has no motor. Without a servo in the model
+    the speed itself, where it settles, stands for the command.
     """
-    if not (model["Kp"] > 0.0 and model["Ki"] > 0.0 and model["accel_cmd"] > 0.0):
+    if not model["Km"] > 0.0:
         raise UsageError(
-            f"{log.path}: column speed_cmd_rad_s is missing and cannot be recovered without Kp, Ki and "
-            "accel_cmd in the rig; log it, or give the rig of a PI servo with --rig"
+            f"{log.path}: column speed_cmd_rad_s is missing and cannot be recovered without Km in the rig; "
+            "log it, or give the rig of a motor with --rig"
         )
-    command, known = loop_command(log, model)
+    has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
+    command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
     noise = _noise(command[known])
     levels = _levels(log.t, command, known, noise)
     if not levels:
@@ -60,7 +63,7 @@ def recover_command(log: Log, model: Model) -> Log:
             "to a speed; log it"
         )
     levels = _with_rests(levels, command, known, log, model)
-    w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"])
+    w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
     note = f"speed_cmd_rad_s is absent: recovered from voltage and current, {moves} starts"
     notes = tuple(old for old in log.notes if not old.startswith("speed_cmd_rad_s is absent"))
@@ -70,13 +73,7 @@ def recover_command(log: Log, model: Model) -> Log:
 def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:
     """(n,) w + e [rad/s], the command as the servo's current shows it, and where it can be believed."""
     i = log.z[:, 1]
-    w = _speed(log, model)
-    seen = np.isfinite(i) & np.isfinite(w)
-    if np.count_nonzero(seen) < 2:
-        raise InvalidLogError(
-            f"{log.path}: column speed_cmd_rad_s is missing; without it voltage_v (or encoder_rad) and "
-            "current_a are needed; log one of them"
-        )
+    w, seen = motor_speed(log, model)
     step = float(np.median(np.diff(log.t)))
     tau = model["Kp"] / model["Ki"]
     i = np.interp(log.t, log.t[seen], i[seen])
@@ -85,7 +82,19 @@ def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:
     wait = int(np.ceil(RECOVERY_TIMES * tau / step))
     index = np.arange(log.t.size)
     last_blind = np.maximum.accumulate(np.where(blind, index, -wait - 1))
-    return np.where(seen, w, 0.0) + e, seen & (index - last_blind > wait)
+    return w + e, seen & (index - last_blind > wait)
+
+
+def motor_speed(log: Log, model: Model) -> tuple[Array, Mask]:
+    """(n,) speed of the motor [rad/s], 0 where it is not known, and where it is. Raises InvalidLogError."""
+    w = _speed(log, model)
+    seen = np.isfinite(log.z[:, 1]) & np.isfinite(w)
+    if np.count_nonzero(seen) < 2:
+        raise InvalidLogError(
+            f"{log.path}: column speed_cmd_rad_s is missing; without it voltage_v (or encoder_rad) and "
+            "current_a are needed; log one of them"
+        )
+    return np.where(seen, w, 0.0), seen
 
 
 def _long(missing: Mask) -> Mask:

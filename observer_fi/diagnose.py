@@ -54,9 +54,9 @@ def diagnose(
 
     Raises InvalidLogError with the one line for the user.
     """
+    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
     recovered = None if file.has_command else _recovered(path, rig, columns)
-    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     for log in file.chunks() if recovered is None else _pieces(recovered):
         run.add(log)
     whole = file.summary if recovered is None else recovered
@@ -199,8 +199,8 @@ class Diagnosis:
             name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
             self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
             sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
-            {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "detected_at": self.detected_at,
-             **asdict(self.settings)},
+            {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
+             "detected_at": self.detected_at, **asdict(self.settings)},
         )  # fmt: skip
 
 
@@ -246,6 +246,8 @@ class Baseline:
 
     def add(self, log: Log, e: Estimate, detected_s: float | None) -> None:
         """Take the next chunk and the bank's estimate of it."""
+        if not self.rig.has_servo:
+            return  # nothing to run open loop
         if self.mixture is None and detected_s is not None:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
             state = e.states[first, :3]

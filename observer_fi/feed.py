@@ -100,7 +100,9 @@ class CommandStream:
     """The command of one log, in order: whole, in chunks, or sample by sample from its SETTLING first samples on."""
 
     def __init__(self, model: Model, substep_s: float) -> None:
-        self.accel = min(model["accel_cmd"], model["accel_limit"])
+        self.accel = min(
+            model["accel_cmd"] or np.inf, model["accel_limit"]
+        )  # unknown: linear between samples
         self.limit = model["accel_limit"]
         self.delay = model["input_delay"] + model["tick_phase"]
         self.substep_s = substep_s

@@ -240,7 +240,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
-                    dashboard_address=None,
+                    dashboard_address=":0",
                     silence_logs="CRITICAL",
                 )  # fmt: skip
             )

@@ -13,6 +13,7 @@ import numpy as np
 from observer_fi import models
 from observer_fi import transition as tr
 from observer_fi.actuator import INDEX
+from observer_fi.errors import UsageError
 from observer_fi.models import Model, Rig
 from observer_fi.records import CHANNELS, Array
 from observer_fi.settings import BankSettings
@@ -21,6 +22,10 @@ _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | 
     "torque": tr.TORQUE,
     "rate": tr.RATE,
 }
+
+
+# A servo that nobody knows: i = Ki I is a random walk that the current sensor pins, without gains and limits.
+FREE_SERVO = {"Kp": 0.0, "Ki": 1e-3, "Rs": 0.0, "Vmax": 1e6}
 
 
 @dataclass(frozen=True)
@@ -40,11 +45,19 @@ class Hypothesis:
 
 
 def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
-    """The default bank on a rig: nominal, overload, coupling loss, none of these, and one failed sensor each."""
-    plant = rig.model
+    """The default bank on a rig: nominal, overload, coupling loss, none of these, and one failed sensor each.
+
+    Raises UsageError for a rig that is driven by a force: its faults show in voltage and current.
+    """
+    if rig.drive == "force":
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "force": faults are told from voltage, current and position; '
+            "identify and improve take such a rig"
+        )
+    plant = rig.model if rig.has_servo else models.override(rig.model, rig.model.name, **FREE_SERVO)
     motion = ("w", "I", "x")
     spread = tuple(name for name in ("A", "B") if rig.spread(name) > 0.0) if settings.augment else ()
-    inertia = ("J", "Vmax") if settings.augment else ()
+    inertia = (("J", "Vmax") if rig.has_servo else ("J",)) if settings.augment else ()
     contact = tuple(name for name in ("C", "E") if settings.augment and rig.spread(name) > 0.0)
     loose = tuple(name for name in ("A_decoupled",) if settings.augment and rig.spread(name) > 0.0)
     nominal = (*motion, *spread, *inertia)
@@ -104,7 +117,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
     for j, target in enumerate(hypotheses):
         for k, state in enumerate(target.states):
             mean[j, k], var[j, k] = _entry(state, rig, settings)
-            diffusion[j, k] = _diffusion(state, settings)
+            diffusion[j, k] = _diffusion(state, rig, settings)
             for i, origin in enumerate(hypotheses):
                 if state in origin.states:
                     source[j, i, k] = origin.states.index(state)
@@ -136,6 +149,8 @@ def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
 
 def _entry(state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
+    if state == "I" and not rig.has_servo:
+        return 0.0, (rig.noise_std[1] / FREE_SERVO["Ki"]) ** 2
     if state in settings.entry_std:
         return 0.0, settings.entry_std[state] ** 2
     if state in settings.doubt:
@@ -143,7 +158,9 @@ def _entry(state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
     return 1.0, rig.spread(state) ** 2
 
 
-def _diffusion(state: str, settings: BankSettings) -> float:
+def _diffusion(state: str, rig: Rig, settings: BankSettings) -> float:
+    if state == "I" and not rig.has_servo:
+        return (settings.free_current / FREE_SERVO["Ki"]) ** 2
     if state in INDEX:
         return settings.wander.get(state, 0.0) ** 2
     return settings.diffusion.get(state, 0.0) ** 2

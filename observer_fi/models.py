@@ -122,6 +122,11 @@ class Rig:
                 values.append(0.0 if neutral is None else neutral)
         return Model("nominal", tuple(values))
 
+    @property
+    def has_servo(self) -> bool:
+        """Whether the equations of the servo are given (3 to 6); without them the measured current is what drives."""
+        return self.drive == "pi_servo"
+
     def spread(self, name: str) -> float:
         """1-sigma spread of a parameter from rig to rig, relative; 0 where the file gives none."""
         return self.quantities[name].spread if name in self.quantities else 0.0

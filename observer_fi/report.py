@@ -66,7 +66,9 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
 
 
 def _open_loop(outcome: Outcome) -> dict[str, Any]:
-    """What the mixture says; it starts at a detection, so without one it says nominal."""
+    """What the mixture says; it starts at a detection, so without one it says nominal, without a servo nothing."""
+    if outcome.settings.get("drive", "pi_servo") != "pi_servo":
+        return {"label": None, "isolated_s": None, "started_s": None}
     if outcome.open_loop is None:
         return {"label": "nominal", "isolated_s": None, "started_s": None}
     verdict = outcome.open_loop.verdict

@@ -105,6 +105,10 @@ class Truth:
 def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[Log, Truth]:
     """The log of a scenario, and its truth. Raises UsageError for a fault, channel or effect that does not exist."""
     _check(scenario)
+    if not rig.has_servo:
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "{rig.drive}": a synthetic log needs the servo, drive = "pi_servo"'
+        )
     rng = np.random.default_rng(scenario.seed)
     drawn = _drawn(rig, rng) if scenario.spread else {}
     plant = override(rig.model, "nominal", **{**drawn, **scenario.effects})

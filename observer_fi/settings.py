@@ -36,6 +36,8 @@ class BankSettings:
             "w": 0.1, "I": 3e-5, "x": 5e-7, "d": 0.0, "torque": 2e-4, "rate": 5e-4,
         }
     )  # fmt: skip
+    # The same for the current of a servo that nobody knows [A]: what a start changes in a sample is 10 mA.
+    free_current: float = 0.4
     wander: dict[str, float] = field(default_factory=lambda: {"A": 0.002})
     # Timing of a sampled servo, as a share of the sample-to-sample change of a channel.
     timing: float = 0.1

@@ -6,9 +6,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from force_rig import COULOMB, MASS, D, Truth
+from force_rig import log as force_log
 
 from observer_fi.cli import BUG, COMMANDS, FAULT, OK, USAGE, folder_names, main
+from observer_fi.models import load_rig
 
 ROOT = Path(__file__).parent.parent
 DATA = ROOT / "data"
@@ -209,3 +213,48 @@ def test_a_bug_is_exit_1(tmp_path: Path) -> None:
         timeout=60,
     )
     assert ran.returncode == BUG and "ZeroDivisionError" in ran.stderr
+
+
+# --- learning a rig ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def force_rig(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Log and rig file of a carriage that is driven by a commanded force, with a viscous friction the file lacks."""
+    folder = tmp_path_factory.mktemp("force")
+    made = force_log(Truth(150.0, 150.0))
+    table = pd.DataFrame({"time_s": made.t, "position_m": made.z[:, 2], "force_cmd_n": made.force})
+    table.to_csv(folder / "bench.csv", index=False)
+    (folder / "rig.toml").write_text(f"""name = "bench"
+drive = "force"
+[parameters]
+D = {{ value = {D}, unit = "m/rad", method = "manufacturer" }}
+J = {{ value = {0.9 * MASS * D**2}, unit = "kg m^2" }}
+A = {{ value = {0.9 * COULOMB * D}, unit = "N m" }}
+input_delay = {{ value = 5e-4, unit = "s", method = "known" }}
+""")
+    return folder / "bench.csv", folder / "rig.toml"
+
+
+def test_improve_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path: Path) -> None:
+    log, rig = force_rig
+    ran = run("improve", log, "--rig", rig, "--out", tmp_path, "--json")
+    result = json.loads(ran.out)
+    assert (ran.code, ran.err) == (OK, "")
+    assert [f["cause"] for f in result["findings"]] == ["viscous_friction"]
+    assert result == json.loads((tmp_path / "bench" / "improve.json").read_text())
+    assert {p.name for p in (tmp_path / "bench").iterdir()} == {"improve.json", "report.html", "rig.toml"}
+
+
+def test_identify_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path: Path) -> None:
+    log, rig = force_rig
+    ran = run("identify", log, "--rig", rig, "--out", tmp_path, "--name", "learned")
+    assert (ran.code, ran.err) == (OK, "") and "parameters learned" in ran.out
+    learned = load_rig(tmp_path / "learned" / "rig.toml")
+    assert learned.drive == "force" and learned.model["J"] == pytest.approx(MASS * D**2, rel=0.1)
+
+
+def test_a_rig_without_motor_has_no_bank(force_rig, run, tmp_path: Path) -> None:
+    log, rig = force_rig
+    ran = run("diagnose", log, "--rig", rig, "--out", tmp_path)
+    assert ran.code == USAGE and ran.err.count("\n") == 1 and "drive" in ran.err

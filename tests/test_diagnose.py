@@ -16,7 +16,7 @@ from observer_fi.columns import load_columns
 from observer_fi.diagnose import Diagnosis, diagnose, diagnose_log
 from observer_fi.errors import InvalidLogError
 from observer_fi.ingest import log_from_frame, read_log
-from observer_fi.models import load_rig
+from observer_fi.models import Rig, load_rig
 from observer_fi.records import LABELS, Consistency, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 
@@ -232,6 +232,33 @@ def test_what_passes_does_not_condemn_the_move() -> None:
         z = log.z + np.where(spoilt, 1.0, 0.0)[:, None] * (0.5, 0.02, 0.0)
         said.append(event_of(diagnose_log(replace(log, z=z), RIG, SETTINGS)).label)
     assert said.count("nominal") >= 8
+
+
+# --- a servo that nobody knows -------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def servo_free() -> Rig:
+    """The rig of an engineer who knows the motor and the mechanics."""
+    servo = ("Kp", "Ki", "Rs", "Vmax", "accel_cmd")
+    known = {name: q for name, q in RIG.quantities.items() if name not in servo}
+    return replace(RIG, drive="voltage", quantities=known)
+
+
+@pytest.mark.parametrize("has_command", [True, False])
+@pytest.mark.parametrize("label", FAULTS)
+def test_faults_are_told_without_the_servos_gains(
+    label: str, has_command: bool, servo_free: Rig, tmp_path: Path
+) -> None:
+    for seed in range(70, 74):
+        frame, truth = frame_of(seed, label)
+        frame = frame if has_command else frame.drop(columns="speed_cmd_rad_s")
+        outcome = diagnose(write_log(frame, tmp_path / f"{seed}.csv"), servo_free, SETTINGS)
+        v = event_of(outcome)
+        assert v.label == label
+        assert outcome.open_loop is None  # nothing to run open loop
+        if label != "nominal":
+            assert v.onset_s == pytest.approx(truth["onset_s"], abs=0.05)
 
 
 # --- what is drawn and said ----------------------------------------------------------------------

@@ -216,6 +216,14 @@ def test_only_rest_gives_a_command_of_zero() -> None:
     assert not recover_command(cut, MODEL).w_cmd.any()
 
 
-def test_a_rig_without_a_speed_loop_has_no_command_to_recover() -> None:
-    with pytest.raises(UsageError, match="Kp, Ki and accel_cmd"):
-        recover_command(healthy_log(), override(MODEL, "open", Kp=0.0))
+def test_without_a_speed_loop_the_settled_speed_stands_for_the_command() -> None:
+    log = healthy_log()
+    found = recover_command(log, override(MODEL, "open", Kp=0.0, Ki=0.0, accel_cmd=0.0)).w_cmd
+    steady = np.abs(log.w_cmd) == np.abs(log.w_cmd).max()
+    assert np.median(found[steady]) == pytest.approx(log.w_cmd[steady][0], rel=0.01)
+    assert np.abs((found != 0.0) ^ (log.w_cmd != 0.0)).mean() < 0.03
+
+
+def test_a_rig_without_a_motor_has_no_command_to_recover() -> None:
+    with pytest.raises(UsageError, match="without Km"):
+        recover_command(healthy_log(), override(MODEL, "open", Km=0.0))
