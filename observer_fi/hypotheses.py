@@ -16,6 +16,7 @@ from observer_fi.actuator import INDEX
 from observer_fi.errors import UsageError
 from observer_fi.models import Model, Rig
 from observer_fi.records import CHANNELS, Array
+from observer_fi.rows import Wide, wide_enough
 from observer_fi.settings import BankSettings
 
 _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | {
@@ -60,12 +61,12 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     inertia = (("J", "Vmax") if rig.has_servo else ("J",)) if settings.augment else ()
     contact = tuple(name for name in ("C", "E") if settings.augment and rig.spread(name) > 0.0)
     loose = tuple(name for name in ("A_decoupled",) if settings.augment and rig.spread(name) > 0.0)
-    nominal = (*motion, *spread, *inertia)
+    nominal = (*motion, *inertia, *spread)
     named = [
         Hypothesis("nominal", "nominal", plant, nominal),
         Hypothesis("overload", "overload", models.overload(plant), (*nominal, "d", *contact)),
         Hypothesis(
-            "coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *loose, *inertia)
+            "coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *inertia, *loose)
         ),
     ]
     if settings.unknown:
@@ -89,8 +90,10 @@ class BankArrays(NamedTuple):
     entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
     variance per second; rates (m, m) per second; noise (3,) variance of the channels;
     own (m, n) constants that the nominal hypothesis does not have;
-    alike (m, m) whether two hypotheses have the same states;
-    moves (m,) whether a state behind w, I, x enters the mass's speed.
+    strained (m,) whether there are any; moves (m,) whether a state behind w, I, x enters the mass's speed.
+    The states behind w, I, x stand in rows of `rows.py` (wide: as many zeros as a row has numbers); unit (width, width) the
+    identity; aligned (m, m) whether the states that target and source share have the same places; shared, lacking_mean,
+    lacking_var (m, m, width): for target j and source i 1 where they share a state, the entry prior elsewhere.
     """
 
     size: np.ndarray
@@ -104,8 +107,14 @@ class BankArrays(NamedTuple):
     rates: Array
     noise: Array
     own: np.ndarray
-    alike: np.ndarray
+    strained: np.ndarray
     moves: np.ndarray
+    wide: Wide
+    unit: Array
+    aligned: np.ndarray
+    shared: Array
+    lacking_mean: Array
+    lacking_var: Array
 
 
 def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings) -> BankArrays:
@@ -121,6 +130,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
             for i, origin in enumerate(hypotheses):
                 if state in origin.states:
                     source[j, i, k] = origin.states.index(state)
+    own, wide = own_constants(hypotheses, n), wide_enough(n - 3)
     return BankArrays(
         size,
         np.array([tr.layout(h.kinds) for h in hypotheses]),
@@ -132,10 +142,30 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         diffusion,
         transition_rates(hypotheses, settings),
         rig.noise_std**2,
-        own_constants(hypotheses, n),
-        np.array([[a.states == b.states for b in hypotheses] for a in hypotheses]),
+        own,
+        np.array(own.any(axis=1)),
         np.array([not {"E", "rate"}.isdisjoint(h.states) for h in hypotheses]),
+        wide,
+        np.eye(len(wide)),
+        *entry_rows(source, size, mean, var, len(wide)),
     )
+
+
+def entry_rows(
+    source: np.ndarray, size: np.ndarray, mean: Array, var: Array, width: int
+) -> tuple[np.ndarray, Array, Array, Array]:
+    """`aligned`, `shared`, `lacking_mean`, `lacking_var` of BankArrays. A pair that is not aligned is put in order first."""
+    m, n = mean.shape
+    aligned = ((source == np.arange(n)) | (source < 0)).all(axis=2)
+    shared, lacking_mean, lacking_var = np.zeros((3, m, m, width))
+    for j in range(m):
+        for i in range(m):
+            at = np.arange(3, size[j])
+            lacks = at[(source[j, i, at] < 0) & aligned[j, i]]
+            shared[j, i, at - 3] = 1.0
+            shared[j, i, lacks - 3] = 0.0
+            lacking_mean[j, i, lacks - 3], lacking_var[j, i, lacks - 3] = mean[j, lacks], var[j, lacks]
+    return aligned, shared, lacking_mean, lacking_var
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
+from observer_fi.rows import dot, get, load, put, store, zeros
 from observer_fi.settings import BankSettings
 from observer_fi.unscented import UnscentedWork
 
@@ -92,7 +93,7 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
     z0: (3,) first finite reading of each channel (NaN where there is none). The integrator's prior at rest is the width
     of the friction band, +-A/(Km Ki) (design of the servo: no anti-windup), around what the current says.
     """
-    m, n = b.entry_mean.shape
+    m, n = b.entry_mean.shape[0], padded(b)
     x, P = np.zeros((m, n)), np.zeros((m, n, n))
     slow = np.zeros((m, tr.SLOW))
     z = np.where(np.isfinite(z0), z0, 0.0)
@@ -127,198 +128,336 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
 
 
 @inlined
-def _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P):
-    """Add the moments of source i, which has other states than target j, to row j of to_P."""
-    for k in range(n):
-        at = b.source[j, i, k]
-        dk = (x[i, at] if at >= 0 else b.entry_mean[j, k]) - to_x[j, k]
-        for q in range(k + 1):
-            to = b.source[j, i, q]
-            cov = dk * ((x[i, to] if to >= 0 else b.entry_mean[j, q]) - to_x[j, q])
-            if at >= 0 and to >= 0:
-                cov += P[i, at, to]
-            elif at == -1 and k == q:
-                cov += b.entry_var[j, k]
-            to_P[j, k, q] += weight * cov
+def _side(b):
+    """States that a row of P has room for."""
+    return 3 + len(b.wide)
 
 
 @inlined
-def _mix(b, entry, M, mu, x, P, bias, to_x, to_P, to_bias, reached):
-    """IMM mixing: moments of every hypothesis before the step, from x, P, bias into to_x, to_P, to_bias.
+def _row(b, P, j, r):
+    """Covariances of state r of hypothesis j with its constants."""
+    return load(P, (j * _side(b) + r) * _side(b) + 3, b.wide)
 
-    Source: Blom and Bar-Shalom (1988). States that a source lacks come from the target's entry prior. mu (m,) mode
-    probabilities; entry: variance of a failed channel's bias on entry, over that of its noise; log_c (m,) gets the log of
-    the predicted mode probabilities.
+
+@inlined
+def _set_row(b, P, j, r, row):
+    store(P, (j * _side(b) + r) * _side(b) + 3, row)
+
+
+@inlined
+def _core(b, P, j):
+    """Covariance of w, I, x of hypothesis j: (ww, wI, wx, II, Ix, xx)."""
+    side = _side(b)
+    at = j * side * side
+    return (
+        get(P, at),
+        get(P, at + 1),
+        get(P, at + 2),
+        get(P, at + side + 1),
+        get(P, at + side + 2),
+        get(P, at + 2 * side + 2),
+    )
+
+
+@inlined
+def _set_core(b, P, j, p):
+    side = _side(b)
+    at = j * side * side
+    put(P, at, p[0])
+    put(P, at + 1, p[1])
+    put(P, at + 2, p[2])
+    put(P, at + side + 1, p[3])
+    put(P, at + side + 2, p[4])
+    put(P, at + 2 * side + 2, p[5])
+
+
+@inlined
+def _gather(j, i, n, b, x, P, in_x, in_P):
+    """Source i in the states of target j, into rows i of in_x, in_P: for hypotheses that name their states in another order."""
+    for k in range(n):
+        at = b.source[j, i, k]
+        in_x[i, k] = x[i, at] if at >= 0 else b.entry_mean[j, k]
+        for q in range(n):
+            to = b.source[j, i, q]
+            in_P[i, k, q] = P[i, min(at, to), max(at, to)] if at >= 0 and to >= 0 else 0.0
+        if at < 0:
+            in_P[i, k, k] = b.entry_var[j, k]
+
+
+@inlined
+def _mixed(j, count, b, x, P, scr):
+    """Moments of target j from its `count` sources, into rows j of scr.to_x, scr.to_P.
+
+    A constant that a source lacks comes from the entry prior: tables of b say which.
+    """
+    n, m, side, width, wide = b.layout[j, tr.SIZE], b.size.size, _side(b), len(b.wide), len(b.wide) > 0
+    m0, m1, m2, mean = 0.0, 0.0, 0.0, zeros(b.wide)
+    for s in range(count):
+        i, weight = scr.sources[s], scr.weights[s]
+        at = i * side
+        m0, m1, m2 = m0 + weight * get(x, at), m1 + weight * get(x, at + 1), m2 + weight * get(x, at + 2)
+        if wide:
+            if not b.aligned[j, i]:
+                _gather(j, i, n, b, x, P, scr.in_x, scr.in_P)
+            from_x = x if b.aligned[j, i] else scr.in_x
+            pair = (j * m + i) * width
+            entered = load(from_x, at + 3, b.wide) * load(b.shared, pair, b.wide)
+            entered = entered + load(b.lacking_mean, pair, b.wide)
+            store(scr.off, i * width, entered)
+            mean = mean + entered * weight
+    p00, p01, p02, p11, p12, p22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    row0, row1, row2, lacking = zeros(b.wide), zeros(b.wide), zeros(b.wide), zeros(b.wide)
+    for s in range(count):
+        i, weight = scr.sources[s], scr.weights[s]
+        a00, a01, a02, a11, a12, a22 = _core(b, P, i)
+        at = i * side
+        e0, e1, e2 = get(x, at) - m0, get(x, at + 1) - m1, get(x, at + 2) - m2
+        w0, w1, w2 = weight * e0, weight * e1, weight * e2
+        p00, p01, p02 = (
+            p00 + (weight * a00 + w0 * e0),
+            p01 + (weight * a01 + w0 * e1),
+            p02 + (weight * a02 + w0 * e2),
+        )
+        p11, p12, p22 = (
+            p11 + (weight * a11 + w1 * e1),
+            p12 + (weight * a12 + w1 * e2),
+            p22 + (weight * a22 + w2 * e2),
+        )
+        if wide:
+            from_P = P if b.aligned[j, i] else scr.in_P
+            pair = (j * m + i) * width
+            off, shared = load(scr.off, i * width, b.wide) - mean, load(b.shared, pair, b.wide) * weight
+            store(scr.off, i * width, off)
+            row0 = row0 + (_row(b, from_P, i, 0) * shared + off * w0)
+            row1 = row1 + (_row(b, from_P, i, 1) * shared + off * w1)
+            row2 = row2 + (_row(b, from_P, i, 2) * shared + off * w2)
+            lacking = lacking + load(b.lacking_var, pair, b.wide) * weight
+    to_x, to_P = scr.to_x, scr.to_P
+    to_x[j, 0], to_x[j, 1], to_x[j, 2] = m0, m1, m2
+    _set_core(b, to_P, j, (p00, p01, p02, p11, p12, p22))
+    if not wide:
+        return
+    store(to_x, j * _side(b) + 3, mean)
+    _set_row(b, to_P, j, 0, row0)
+    _set_row(b, to_P, j, 1, row1)
+    _set_row(b, to_P, j, 2, row2)
+    store(scr.lacking, 0, lacking)
+    for k in range(n - 3):
+        row = load(b.unit, k * width, b.wide) * get(scr.lacking, k)
+        for s in range(count):
+            i, weight = scr.sources[s], scr.weights[s]
+            from_P = P if b.aligned[j, i] else scr.in_P
+            pair = (j * m + i) * width
+            shared = load(b.shared, pair, b.wide) * (weight * get(b.shared, pair + k))
+            off = load(scr.off, i * width, b.wide) * (weight * get(scr.off, i * width + k))
+            row = row + (_row(b, from_P, i, 3 + k) * shared + off)
+        _set_row(b, to_P, j, 3 + k, row)
+
+
+@inlined
+def _mix(b, entry, M, mu, x, P, bias, scr):
+    """IMM mixing: moments of every hypothesis before the step, from x, P, bias into scr.to_x, to_P, to_bias.
+
+    Source: Blom and Bar-Shalom (1988). mu (m,) mode probabilities; entry: variance of a failed channel's bias on entry, over
+    that of its noise; scr.reached gets the predicted mode probabilities.
     """
     m = mu.size
     for j in range(m):
-        n = b.layout[j, tr.SIZE]
         c = 0.0
         for i in range(m):
             c += M[i, j] * mu[i]
-        reached[j] = c
-        for k in range(n):
-            to_x[j, k] = 0.0
-            for q in range(k + 1):
-                to_P[j, k, q] = 0.0
-        to_bias[j, 0], to_bias[j, 1] = 0.0, 0.0
+        scr.reached[j] = c
+        per_c, count, own = 1.0 / c, 0, 0.0
         for i in range(m):
-            weight = M[i, j] * mu[i] / c
-            if weight < NEGLIGIBLE:
-                continue
-            if b.alike[j, i]:
-                for k in range(n):
-                    to_x[j, k] += weight * x[i, k]
-            else:
-                for k in range(n):
-                    at = b.source[j, i, k]
-                    to_x[j, k] += weight * (x[i, at] if at >= 0 else b.entry_mean[j, k])
-            if i == j:
-                to_bias[j, 0] += weight * bias[j, 0]
-        for i in range(m):
-            weight = M[i, j] * mu[i] / c
-            if weight < NEGLIGIBLE:
-                continue
-            if b.alike[j, i]:
-                for k in range(n):
-                    dk = x[i, k] - to_x[j, k]
-                    for q in range(k + 1):
-                        to_P[j, k, q] += weight * (P[i, k, q] + dk * (x[i, q] - to_x[j, q]))
-            else:
-                _mix_unlike(j, i, n, weight, b, x, P, to_x, to_P)
-            if b.failed[j] >= 0:
-                off = (bias[j, 0] if i == j else 0.0) - to_bias[j, 0]
-                to_bias[j, 1] += weight * (
-                    off * off + (bias[j, 1] if i == j else entry * b.noise[b.failed[j]])
-                )
-        for k in range(n):
-            for q in range(k):
-                to_P[j, q, k] = to_P[j, k, q]
+            weight = M[i, j] * mu[i] * per_c
+            if weight >= NEGLIGIBLE:
+                scr.sources[count], scr.weights[count] = i, weight
+                count += 1
+                if i == j:
+                    own = weight
+        _mixed(j, count, b, x, P, scr)
+        if b.failed[j] >= 0:
+            mean = own * bias[j, 0]
+            off, others = bias[j, 0] - mean, 1.0 - own
+            scr.to_bias[j, 0] = mean
+            scr.to_bias[j, 1] = own * (off * off + bias[j, 1]) + others * (
+                mean * mean + entry * b.noise[b.failed[j]]
+            )
 
 
 @inlined
-def _predict(j, b, p, x, P, slow, t, interval, row, last, theta, tune, g, F, T):
-    """Mean and covariance of hypothesis j a sample later: rows j of x, P, slow in place. g (3, n), F, T (4, n): scratch."""
-    n, at_d = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D]
-    tr.load_parameters(j, x, b.layout, b.parameters, p)
-    tr.slopes(j, x, b.layout, slow, interval[row, 0], theta, p, b.parameters, g)
-    w_before = x[j, 0]
-    resting = tr.propagate(j, x, b.layout, slow, t, interval, row, last, theta, p)
-    tr.transition(j, b.layout, g, t, resting, F)
-    f00, f01, f02 = F[0, 0], F[0, 1], F[0, 2]
-    f10, f11, f20, f21 = F[1, 0], F[1, 1], F[2, 0], F[2, 1]
-    for k in range(n):
-        p0, p1, p2 = P[j, 0, k], P[j, 1, k], P[j, 2, k]
-        t0, t2 = f00 * p0 + f01 * p1 + f02 * p2, f20 * p0 + f21 * p1 + p2
-        for q in range(3, n):
-            t0 += F[0, q] * P[j, q, k]
-        if b.moves[j]:
-            for q in range(3, n):
-                t2 += F[2, q] * P[j, q, k]
-        T[0, k], T[1, k], T[2, k] = t0, f10 * p0 + f11 * p1, t2
-        if at_d >= 0:  # d moves with x
-            T[3, k] = P[j, at_d, k] + t2 - p2
-    for r in range(3):
-        t0, t1, t2 = T[r, 0], T[r, 1], T[r, 2]
-        p0 = f00 * t0 + f01 * t1 + f02 * t2
-        for q in range(3, n):
-            p0 += F[0, q] * T[r, q]
-            P[j, r, q] = T[r, q]
-            P[j, q, r] = T[r, q]
-        P[j, r, 0] = p0
-        P[j, 0, r] = p0
-        if r > 0:
-            P[j, r, 1] = f10 * t0 + f11 * t1
-            P[j, 1, r] = P[j, r, 1]
-    x_var = f20 * T[2, 0] + f21 * T[2, 1] + T[2, 2]
-    for q in range(3, n):
-        x_var += F[2, q] * T[2, q]
+def _rest(j, b, from_P, P, t, I_grown):
+    """Covariance of a motor that rests: it forgets its speed, and nothing else moves."""
+    n = b.layout[j, tr.SIZE]
+    _, _, _, p11, p12, p22 = _core(b, from_P, j)
+    _set_core(b, P, j, (REST_VARIANCE, 0.0, 0.0, p11 + I_grown, p12, p22 + b.diffusion[j, 2] * t))
+    if len(b.wide) > 0:
+        _set_row(b, P, j, 0, zeros(b.wide))
+        _set_row(b, P, j, 1, _row(b, from_P, j, 1))
+        _set_row(b, P, j, 2, _row(b, from_P, j, 2))
+        for k in range(n - 3):
+            grown = load(b.unit, k * len(b.wide), b.wide) * (b.diffusion[j, 3 + k] * t)
+            _set_row(b, P, j, 3 + k, _row(b, from_P, j, 3 + k) + grown)
+
+
+@inlined
+def _indented(j, b, from_P, P, t, rows_after, row2_before, into_w, into_x, f, t2, work):
+    """The part of `_predict` for an indentation d, which moves with x: its rows and columns of P; rows_after with d in them.
+
+    P becomes P + e delta' + delta e' with e the place of d and delta what x after it has in common with a constant more
+    than x before. f: rows of w, I, x of the transition matrix; t2: what x after it has in common with w, I, x before.
+    """
+    at_d = b.layout[j, tr.AT_D]
+    place, row0, row1, row2 = (
+        load(b.unit, (at_d - 3) * len(b.wide), b.wide),
+        rows_after[0],
+        rows_after[1],
+        rows_after[2],
+    )
+    delta = row2 - row2_before
+    store(work, 2 * len(b.wide), delta)
+    with_w = from_P[j, 0, at_d] + t2[0] - from_P[j, 0, 2]
+    with_I = from_P[j, 1, at_d] + t2[1] - from_P[j, 1, 2]
+    with_x = from_P[j, 2, at_d] + t2[2] - from_P[j, 2, 2]
+    with_d, own = (
+        _row(b, from_P, j, at_d) + delta,
+        from_P[j, at_d, at_d] + get(work, 2 * len(b.wide) + at_d - 3),
+    )
+    more = f[5] * with_w + f[6] * with_I + dot(into_x, with_d)
+    for k in range(b.layout[j, tr.SIZE] - 3):
+        _set_row(b, P, j, 3 + k, _row(b, P, j, 3 + k) + place * get(work, 2 * len(b.wide) + k))
+    variance = own + more + b.diffusion[j, at_d] * t
+    _set_row(b, P, j, at_d, with_d + place * (variance - dot(with_d, place)))
+    into = f[0] * with_w + f[1] * with_I + f[2] * with_x + dot(into_w, with_d)
+    return (
+        row0 + place * (into - dot(row0, place)),
+        row1 + place * (f[3] * with_w + f[4] * with_I - dot(row1, place)),
+        row2 + place * (more + with_x - dot(row2, place)),
+    )
+
+
+@inlined
+def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta, tune, g, work):
+    """Mean and covariance of hypothesis j a sample later: from rows j of from_x, from_P to rows j of x, P; slow in place.
+
+    p: parameters, with the factors in the state from here on. g (3, n): slopes, 0 but for those of `constant_slopes`;
+    work (3, width): scratch. Whether the motor rests at the end.
+    Of P only what is right of the diagonal in the rows of w, I, x and the square of the constants is kept (see `mirror`).
+    """
+    n, at_d, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D], len(b.wide) > 0
+    w, I, pos, d, torque, rate = from_x[j, 0], from_x[j, 1], from_x[j, 2], 0.0, 0.0, 0.0
+    if wide:
+        tr.load_parameters(j, from_x, b.layout, b.parameters, p)
+        d, torque = tr.value(j, at_d, from_x), tr.value(j, b.layout[j, tr.AT_TORQUE], from_x)
+        rate = tr.value(j, b.layout[j, tr.AT_RATE], from_x)
+    by_w, by_I, by_x, x_by_w, i, di_dV, load_now, per_J = tr.motion_slopes(
+        w, I, pos, d, slow[j, tr.PHI], slow[j, tr.H], slow[j, tr.SAG], interval[row, 0], theta, torque, p
+    )
+    if wide:
+        tr.constant_slopes(j, from_x, b.layout, w, d, i, di_dV, load_now, per_J, theta, p, b.parameters, g)
+    x[j, 0], x[j, 1], x[j, 2], d_after, resting = tr.advance(
+        j, w, I, pos, d, torque, rate, slow, t, interval, row, last, theta, p
+    )
+    if wide:
+        store(x, j * _side(b) + 3, load(from_x, j * _side(b) + 3, b.wide))
     if at_d >= 0:
-        d_var = T[3, at_d] + f20 * T[3, 0] + f21 * T[3, 1]
-        for q in range(3, n):
-            d_var += F[2, q] * T[3, q]
-        p0 = f00 * T[3, 0] + f01 * T[3, 1] + f02 * T[3, 2]
-        for q in range(3, n):
-            p0 += F[0, q] * T[3, q]
-        p1, p2 = f10 * T[3, 0] + f11 * T[3, 1], d_var - T[3, at_d] + T[3, 2]
-        for q in range(3, n):
-            P[j, at_d, q] = T[3, q]
-            P[j, q, at_d] = T[3, q]
-        P[j, at_d, 0], P[j, at_d, 1], P[j, at_d, 2], P[j, at_d, at_d] = p0, p1, p2, d_var
-        P[j, 0, at_d], P[j, 1, at_d], P[j, 2, at_d] = p0, p1, p2
-    P[j, 2, 2] = x_var
-    for k in range(n):
-        P[j, k, k] += b.diffusion[j, k] * t
-    change = x[j, 0] - w_before
-    P[j, 0, 0] += tune.agility * tune.agility * change * change
-    P[j, 1, 1] += tune.tick * tune.tick * change * change
+        x[j, at_d] = d_after
+    change = (x[j, 0] - w) * (x[j, 0] - w)
+    I_grown = b.diffusion[j, 1] * t + tune.tick * tune.tick * change
     if resting:
-        P[j, 0, 0] = REST_VARIANCE
+        _rest(j, b, from_P, P, t, I_grown)
+        return True
+    by_d = g[0, at_d] if at_d >= 0 else 0.0
+    f = tr.motion_transition(by_w, by_I, by_x, by_d, x_by_w, t)
+    f00, f01, f02, f10, f11, f20, f21 = f
+    a00, a01, a02, a11, a12, a22 = _core(b, from_P, j)
+    t00, t01, t02 = (
+        f00 * a00 + f01 * a01 + f02 * a02, f00 * a01 + f01 * a11 + f02 * a12, f00 * a02 + f01 * a12 + f02 * a22
+    )  # fmt: skip
+    t10, t11, t12 = f10 * a00 + f11 * a01, f10 * a01 + f11 * a11, f10 * a02 + f11 * a12
+    t20, t21, t22 = f20 * a00 + f21 * a01 + a02, f20 * a01 + f21 * a11 + a12, f20 * a02 + f21 * a12 + a22
+    p00 = b.diffusion[j, 0] * t + tune.agility * tune.agility * change
+    p01, p02, p22 = 0.0, 0.0, b.diffusion[j, 2] * t
+    if wide:
+        b0, b1, b2 = _row(b, from_P, j, 0), _row(b, from_P, j, 1), _row(b, from_P, j, 2)
+        w_slopes, x_slopes = load(g, 3, b.wide), load(g, 2 * _side(b) + 3, b.wide)
+        into_w, into_x = tr.constant_transition(by_w, by_x, by_d, w_slopes, x_slopes, t), x_slopes * t
+        store(work, 0, into_w)
+        store(work, len(b.wide), into_x)
+        through_w, through_x = zeros(b.wide), zeros(b.wide)
+        for k in range(n - 3):
+            row_k = _row(b, from_P, j, 3 + k)
+            through_w = through_w + row_k * get(work, k)
+            through_x = through_x + row_k * get(work, len(b.wide) + k)
+            _set_row(
+                b, P, j, 3 + k, row_k + load(b.unit, k * len(b.wide), b.wide) * (b.diffusion[j, 3 + k] * t)
+            )
+        t00 += dot(into_w, b0)
+        t01 += dot(into_w, b1)
+        t02 += dot(into_w, b2)
+        t20 += dot(into_x, b0)
+        t21 += dot(into_x, b1)
+        t22 += dot(into_x, b2)
+        row0, row1 = b0 * f00 + b1 * f01 + b2 * f02 + through_w, b0 * f10 + b1 * f11
+        row2 = b0 * f20 + b1 * f21 + b2 + through_x
+        p00 += dot(into_w, row0)
+        p01 += dot(into_w, row1)
+        p02 += dot(into_w, row2)
+        p22 += dot(into_x, row2)
+        if at_d >= 0:
+            row0, row1, row2 = _indented(
+                j, b, from_P, P, t, (row0, row1, row2), b2, into_w, into_x, f, (t20, t21, t22), work
+            )
+        _set_row(b, P, j, 0, row0)
+        _set_row(b, P, j, 1, row1)
+        _set_row(b, P, j, 2, row2)
+    p00, p01 = p00 + f00 * t00 + f01 * t01 + f02 * t02, p01 + f00 * t10 + f01 * t11 + f02 * t12
+    p02, p11 = p02 + f00 * t20 + f01 * t21 + f02 * t22, I_grown + f10 * t10 + f11 * t11
+    p12, p22 = f10 * t20 + f11 * t21, p22 + f20 * t20 + f21 * t21 + t22
+    _set_core(b, P, j, (p00, p01, p02, p11, p12, p22))
+    return False
 
 
 @inlined
 def _update(
-    j,
-    b,
-    p,
-    x,
-    P,
-    slow,
-    bias,
-    z,
-    row,
-    previous,
-    last_y,
-    glitches,
-    w_cmd,
-    theta,
-    tune,
-    y,
-    H,
-    seen,
-    spread,
-    work,
+    j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, tune, y, H, seen, spread, work
 ):
     """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
 
-    Fills rows j of y (m, 3), the prediction, and seen (m, 3), the innovations over their standard deviations.
-    work (2, n): scratch.
-    A glitch counts as one at the gate and moves nothing.
+    Fills rows j of y (m, 3), the prediction, and of seen, spread (m, 3), the innovations and their variances. p: parameters
+    with the factors in the state. H (3, 4), work (3, width): scratch. A glitch counts as one at the gate and moves nothing.
     """
-    n, at_v, failed = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j]
-    tr.load_parameters(j, x, b.layout, b.parameters, p)
-    tr.channels(j, x, b.layout, slow, w_cmd, theta, p, b.parameters, y, H)
-    for k in range(n):
-        work[0, k] = x[j, k]
+    n, at_v, failed, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j], len(b.wide) > 0
+    tr.channels(j, x, b.layout, slow, w_cmd, 0.0, p, b.parameters, y, H)
+    x0, x1, x2, xv = 0.0, 0.0, 0.0, 0.0  # corrections so far
+    p00, p01, p02, p11, p12, p22 = _core(b, P, j)
+    pv0, pv1, pv2, pvv = 0.0, 0.0, 0.0, 0.0
+    row0, row1, row2, row_v, constants = (
+        zeros(b.wide),
+        zeros(b.wide),
+        zeros(b.wide),
+        zeros(b.wide),
+        zeros(b.wide),
+    )
+    if wide:
+        row0, row1, row2 = _row(b, P, j, 0), _row(b, P, j, 1), _row(b, P, j, 2)
+        constants = load(x, j * _side(b) + 3, b.wide)
+        if at_v >= 0:
+            row_v = _row(b, P, j, at_v)
+            pv0, pv1, pv2, pvv = P[j, 0, at_v], P[j, 1, at_v], P[j, 2, at_v], P[j, at_v, at_v]
     log_density, nis, product = 0.0, 0.0, 1.0
     for c in range(3):
+        if wide:
+            store(work, c * len(b.wide), zeros(b.wide))
+            store(work, (3 + c) * len(b.wide), zeros(b.wide))
         seen[j, c] = np.nan
         if z[row, c] != z[row, c] or c == failed:
             continue
-        h0, h1, h2 = H[c, 0], H[c, 1], H[c, 2]
-        hv = H[c, 3] if at_v >= 0 else 0.0
-        e = (
-            z[row, c]
-            - y[j, c]
-            - h0 * (x[j, 0] - work[0, 0])
-            - h1 * (x[j, 1] - work[0, 1])
-            - h2 * (x[j, 2] - work[0, 2])
-        )
-        for k in range(n):
-            work[1, k] = P[j, k, 0] * h0 + P[j, k, 1] * h1 + P[j, k, 2] * h2
-        if hv != 0.0:
-            e -= hv * (x[j, at_v] - work[0, at_v])
-            for k in range(n):
-                work[1, k] += hv * (P[j, k, at_v] if k >= at_v else P[j, at_v, k])
-        change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
-        S = (
-            b.noise[c]
-            + change * change
-            + h0 * work[1, 0]
-            + h1 * work[1, 1]
-            + h2 * work[1, 2]
-            + (hv * work[1, at_v] if hv != 0.0 else 0.0)
-        )
+        h0, h1, h2, hv = H[c, 0], H[c, 1], H[c, 2], H[c, 3] if at_v >= 0 else 0.0
+        e = z[row, c] - y[j, c] - h0 * x0 - h1 * x1 - h2 * x2 - hv * xv
+        w0, w1 = h0 * p00 + h1 * p01 + h2 * p02 + hv * pv0, h0 * p01 + h1 * p11 + h2 * p12 + hv * pv1
+        w2, wv = h0 * p02 + h1 * p12 + h2 * p22 + hv * pv2, h0 * pv0 + h1 * pv1 + h2 * pv2 + hv * pvv
+        S = b.noise[c] + _doubt(j, c, tune, y, last_y) + h0 * w0 + h1 * w1 + h2 * w2 + hv * wv
         per_S = 1.0 / S
         seen[j, c], spread[j, c] = e, S
         product *= S
@@ -327,45 +466,68 @@ def _update(
             nis += tune.glitch * tune.glitch
             continue
         nis += e * e * per_S
-        for k in range(n):
-            gain = work[1, k] * per_S
-            x[j, k] += gain * e
-            for q in range(k + 1):
-                P[j, k, q] -= gain * work[1, q]
-        for k in range(1, n):
-            for q in range(min(k, 3)):
-                P[j, q, k] = P[j, k, q]
-    for k in range(4, n):
-        for q in range(3, k):
-            P[j, q, k] = P[j, k, q]
+        g0, g1, g2, gv = w0 * per_S, w1 * per_S, w2 * per_S, wv * per_S
+        x0, x1, x2, xv = x0 + g0 * e, x1 + g1 * e, x2 + g2 * e, xv + gv * e
+        p00, p01, p02 = p00 - g0 * w0, p01 - g0 * w1, p02 - g0 * w2
+        p11, p12, p22 = p11 - g1 * w1, p12 - g1 * w2, p22 - g2 * w2
+        pv0, pv1, pv2, pvv = pv0 - gv * w0, pv1 - gv * w1, pv2 - gv * w2, pvv - gv * wv
+        if wide:
+            column = row0 * h0 + row1 * h1 + row2 * h2 + row_v * hv
+            store(work, c * len(b.wide), column)
+            gain = column * per_S
+            store(work, (3 + c) * len(b.wide), gain)
+            constants = constants + gain * e
+            row0, row1, row2, row_v = row0 - gain * w0, row1 - gain * w1, row2 - gain * w2, row_v - gain * wv
     log_density = 0.5 * (log_density - nis - math.log(product))
-    if failed >= 0 and z[row, failed] == z[row, failed]:
-        h0, h1, h2 = H[failed, 0], H[failed, 1], H[failed, 2]
-        expected = (
-            y[j, failed]
-            + h0 * (x[j, 0] - work[0, 0])
-            + h1 * (x[j, 1] - work[0, 1])
-            + h2 * (x[j, 2] - work[0, 2])
+    x[j, 0] += x0
+    x[j, 1] += x1
+    x[j, 2] += x2
+    _set_core(b, P, j, (p00, p01, p02, p11, p12, p22))
+    if wide:
+        store(x, j * _side(b) + 3, constants)
+        _set_row(b, P, j, 0, row0)
+        _set_row(b, P, j, 1, row1)
+        _set_row(b, P, j, 2, row2)
+        gain0, gain1, gain2 = (
+            load(work, 3 * len(b.wide), b.wide),
+            load(work, 4 * len(b.wide), b.wide),
+            load(work, 5 * len(b.wide), b.wide),
         )
-        variance = h0 * h0 * P[j, 0, 0] + h1 * h1 * P[j, 1, 1] + h2 * h2 * P[j, 2, 2]
-        if at_v >= 0:
-            hv = H[failed, 3]
-            expected += hv * (x[j, at_v] - work[0, at_v])
-            variance += hv * (
-                hv * P[j, at_v, at_v] + 2.0 * (h0 * P[j, 0, at_v] + h1 * P[j, 1, at_v] + h2 * P[j, 2, at_v])
+        for k in range(n - 3):
+            taken = (
+                gain0 * get(work, k)
+                + gain1 * get(work, len(b.wide) + k)
+                + gain2 * get(work, 2 * len(b.wide) + k)
             )
-        variance += 2.0 * (h0 * h1 * P[j, 0, 1] + h0 * h2 * P[j, 0, 2] + h1 * h2 * P[j, 1, 2])
-        change = (
-            tune.timing * (y[j, failed] - last_y[j, failed])
-            if last_y[j, failed] == last_y[j, failed]
-            else 0.0
+            _set_row(b, P, j, 3 + k, _row(b, P, j, 3 + k) - taken)
+    if failed >= 0 and z[row, failed] == z[row, failed]:
+        h0, h1, h2, hv = H[failed, 0], H[failed, 1], H[failed, 2], H[failed, 3]
+        expected = y[j, failed] + h0 * x0 + h1 * x1 + h2 * x2 + hv * xv
+        variance = h0 * h0 * p00 + h1 * h1 * p11 + h2 * h2 * p22 + hv * hv * pvv
+        variance += 2.0 * (
+            h0 * h1 * p01 + h0 * h2 * p02 + h1 * h2 * p12 + hv * (h0 * pv0 + h1 * pv1 + h2 * pv2)
         )
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
-        sigma = math.sqrt(b.noise[failed] + change * change)
+        sigma = math.sqrt(b.noise[failed] + _doubt(j, failed, tune, y, last_y))
         log_density += tr.failed_channel(
             j, z[row, failed], before, expected, variance, sigma, bias, tune.failed
         )
     return log_density, nis
+
+
+@inlined
+def _doubt(j, c, tune, y, last_y):
+    """Variance of channel c that the timing of the servo puts in doubt."""
+    change = tune.timing * (y[j, c] - last_y[j, c]) if last_y[j, c] == last_y[j, c] else 0.0
+    return change * change
+
+
+@inlined
+def mirror(j, n, P):
+    """Complete the symmetric P[j] (m, n, n) from what `_predict` and `_update` keep."""
+    for r in range(3):
+        for k in range(r + 1, n):
+            P[j, k, r] = P[j, r, k]
 
 
 @inlined
@@ -401,14 +563,21 @@ def _strain(j, b, x):
 class Scratch(NamedTuple):
     """Work arrays of `run`: it allocates nothing, so that no reference is counted in its loop (that was 90 % of its time).
 
-    to_x (m, n), to_P (m, n, n), to_bias (m, 2): the other side of mixing; M (m, m); p (VECTOR_SIZE,); mu, log_density,
-    reached (m,); y, seen, spread (m, 3); g (3, n), F, T (4, n), H (3, 4), work (2, n),
-    square (2, m, m); unscented: see there; mixed (1,): the time step that M belongs to, which outlasts a call.
+    to_x, in_x (m, n), to_P, in_P (m, n, n), to_bias (m, 2): the other side of mixing; sources, weights (m,), off (m, width),
+    lacking (width,): who mixes; M (m, m); p (m, VECTOR_SIZE) parameters with the factors in the states; mu, log_density,
+    reached (m,); y, seen, spread (m, 3); g (m, 3, n), H (3, 4), work (6, width), square (2, m, m); unscented: see there;
+    mixed (1,): the time step that M belongs to, which outlasts a call.
     """
 
     to_x: Array
     to_P: Array
+    in_x: Array
+    in_P: Array
     to_bias: Array
+    sources: NDArray[np.int64]
+    weights: Array
+    off: Array
+    lacking: Array
     M: Array
     p: Array
     mu: Array
@@ -418,8 +587,6 @@ class Scratch(NamedTuple):
     seen: Array
     spread: Array
     g: Array
-    F: Array
-    T: Array
     H: Array
     work: Array
     square: Array
@@ -429,14 +596,18 @@ class Scratch(NamedTuple):
 
 def scratch(b: BankArrays) -> Scratch:
     """Work arrays for a bank."""
-    m, n = b.entry_mean.shape
-    g = np.zeros((3, n))
-    g[1, 0] = -1.0
+    m, n, width = b.entry_mean.shape[0], padded(b), len(b.wide)
     return Scratch(
-        np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)), np.eye(m), b.parameters[0].copy(), np.zeros(m), np.zeros(m),
-        np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), g, np.zeros((4, n)), np.zeros((4, n)), np.zeros((3, 4)), np.zeros((2, n)),  # noqa: E501
-        np.zeros((2, m, m)), unscented.work_arrays(m, n), np.full(1, -1.0),
+        np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)),
+        np.zeros(m, dtype=np.int64), np.zeros(m), np.zeros((m, width)), np.zeros(width), np.eye(m), b.parameters.copy(),
+        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), np.zeros((m, 3, n)),
+        np.zeros((3, 4)), np.zeros((6, width)), np.zeros((2, m, m)), unscented.work_arrays(m, n), np.full(1, -1.0),
     )  # fmt: skip
+
+
+def padded(b: BankArrays) -> int:
+    """Room for the states of a hypothesis: rows of constants have a fixed width."""
+    return 3 + len(b.wide)
 
 
 @inlined
@@ -450,18 +621,19 @@ def _start_anew(j, b, state):
 
 @inlined
 def _copy_back(b, state, scr):
+    """The mixed moments, whole, for a filter that starts from `state`."""
     for j in range(b.size.size):
         n = b.layout[j, tr.SIZE]
+        mirror(j, n, scr.to_P)
         for k in range(n):
             state.x[j, k] = scr.to_x[j, k]
             for q in range(n):
                 state.P[j, k, q] = scr.to_P[j, k, q]
-        state.bias[j, 0], state.bias[j, 1] = scr.to_bias[j, 0], scr.to_bias[j, 1]
 
 
 @inlined
 def _begin(b, tune, state, scr, dt, w_cmd, mixing):
-    """Mix the hypotheses where the sample counts as evidence."""
+    """Mix the hypotheses where the sample counts as evidence, from `state` into scr.to_x, scr.to_P."""
     if w_cmd == 0.0:
         state.stopped[0] = 1.0
     if not mixing:
@@ -475,8 +647,9 @@ def _begin(b, tune, state, scr, dt, w_cmd, mixing):
         state.stopped[0] = 0.0
         M = scr.square[0]
         tr.renewed(scr.M, tune.mended, M)
-    _mix(b, entry, M, scr.mu, state.x, state.P, state.bias, scr.to_x, scr.to_P, scr.to_bias, scr.reached)
-    _copy_back(b, state, scr)
+    _mix(b, entry, M, scr.mu, state.x, state.P, state.bias, scr)
+    for j in range(b.size.size):
+        state.bias[j, 0], state.bias[j, 1] = scr.to_bias[j, 0], scr.to_bias[j, 1]
 
 
 @inlined
@@ -497,7 +670,7 @@ def _finish(b, state, scr, mixing, k, z, w_cmd, out_mu, out_y, out_seen, out_sta
     for j in range(scr.mu.size):
         out_mu[k, j] = scr.mu[j]
         out_density[k, j] = scr.log_density[j]
-        out_strain[k, j] = _strain(j, b, state.x)
+        out_strain[k, j] = _strain(j, b, state.x) if b.strained[j] else 0.0
         if scr.mu[j] > scr.mu[best]:
             best = j
         for c in range(3):
@@ -541,18 +714,21 @@ def run(
         first, before = before != before, t[k]
         mixing = active[k] and not first
         _begin(b, tune, state, scr, dt, w_cmd[k], mixing)
+        from_x, from_P = (scr.to_x, scr.to_P) if mixing else (state.x, state.P)
         for j in range(m):
             if not first:
                 _predict(
-                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune,
-                    scr.g, scr.F, scr.T,
+                    j, b, scr.p[j], from_x, from_P, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k],
+                    tune, scr.g[j], scr.work,
                 )  # fmt: skip
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
             lost = _check(j, b, state, False)
+            if lost or first:
+                tr.load_parameters(j, state.x, b.layout, b.parameters, scr.p[j])
             density, out_nis[k, j] = _update(
-                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
-                w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
+                j, b, scr.p[j], state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                w_cmd[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
             )  # fmt: skip
             if not (density > tr.LOST):
                 lost = _check(j, b, state, True)
@@ -562,6 +738,7 @@ def run(
         )
     for j in range(m):
         state.log_mu[j] = math.log(scr.mu[j])
+        mirror(j, b.layout[j, tr.SIZE], state.P)
     state.t[0] = before
 
 
@@ -579,17 +756,19 @@ def run_unscented(
         first, before = before != before, t[k]
         mixing = active[k] and not first
         _begin(b, tune, state, scr, dt, w_cmd[k], mixing)
+        if mixing:
+            _copy_back(b, state, scr)
         for j in range(m):
             if not first:
                 unscented.predict(
-                    j, b, scr.p, state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune,
+                    j, b, scr.p[j], state.x, state.P, state.slow, dt, interval, k, w_cmd[k], theta[k], tune,
                     scr.unscented,
                 )  # fmt: skip
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
             lost = _check(j, b, state, False)
             density, out_nis[k, j] = unscented.update(
-                j, b, scr.p, state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
+                j, b, scr.p[j], state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
                 w_cmd[k], theta[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.unscented,
             )  # fmt: skip
             if not (density > tr.LOST):

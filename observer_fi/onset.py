@@ -56,8 +56,9 @@ def entered(
 ) -> BankState:
     """The target's memory when it is entered from the source's: shared states kept, the others from their entry prior."""
     b = single.arrays
-    n = len(target.states)
-    x, P = b.entry_mean.copy(), np.diag(b.entry_var[0])[None].copy()
+    n, room = len(target.states), kernels.padded(b)
+    x, P = np.zeros((1, room)), np.zeros((1, room, room))
+    x[0, :n], P[0, :n, :n] = b.entry_mean[0], np.diag(b.entry_var[0])
     for k, state in enumerate(target.states):
         if state not in source.states:
             continue
@@ -70,7 +71,7 @@ def entered(
     if target.failed >= 0:
         bias[0, 1] = settings.bias_entry**2 * b.noise[target.failed]
     fresh = copied(nominal)
-    return fresh._replace(x=x[:, :n].copy(), P=P[:, :n, :n].copy(), bias=bias)
+    return fresh._replace(x=x, P=P, bias=bias)
 
 
 def find_onset(

@@ -27,16 +27,16 @@ def smooth(log: Log, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -
     ahead, P_ahead, cross = np.empty((n, k)), np.empty((n, k, k)), np.empty((n, k, k))
     _forward(
         b, kernels.tuning(settings), state, kernels.scratch(b), log.t, interval, w_cmd, log.pitch, log.z,
-        x, P, ahead, P_ahead, cross,
+        np.zeros((3, k)), np.zeros((4, k)), x, P, ahead, P_ahead, cross,
     )  # fmt: skip
     _backward(x, P, ahead, P_ahead, cross, np.empty((2, k, k)), np.empty(k))
     return x[own], P[own]
 
 
 @uncounted
-def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, x, P, ahead, P_ahead, cross):
+def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, g, F, x, P, ahead, P_ahead, cross):
     """Filtered states x (n, k), P (n, k, k); the predictions before them, ahead and P_ahead; cross (n, k, k) the covariance
-    of the filtered state before and the predicted one, P F'.
+    of the filtered state before and the predicted one, P F'. g (3, k), F (4, k): scratch.
     """
     n, at_d = b.layout[0, tr.SIZE], b.layout[0, tr.AT_D]
     for row in range(t.size):
@@ -45,24 +45,31 @@ def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, x, P, ahead, P_a
                 for q in range(n):
                     cross[row, k, q] = state.P[0, k, q]
             dt = min(t[row] - t[row - 1], tune.longest)
-            kernels._predict(
-                0, b, scr.p, state.x, state.P, state.slow, dt, interval, row, w_cmd[row], theta[row], tune,
-                scr.g, scr.F, scr.T,
+            tr.load_parameters(0, state.x, b.layout, b.parameters, scr.p[0])
+            tr.slopes(
+                0, state.x, b.layout, state.slow, interval[row, 0], theta[row], scr.p[0], b.parameters, g
+            )
+            resting = kernels._predict(
+                0, b, scr.p[0], state.x, state.P, state.x, state.P, state.slow, dt, interval, row, w_cmd[row], theta[row],
+                tune, scr.g[0], scr.work,
             )  # fmt: skip
+            kernels.mirror(0, n, state.P)
+            tr.transition(0, b.layout, g, dt, resting, F)
             for k in range(n):
                 for r in range(4 if at_d >= 0 else 3):
                     total = 0.0
                     for q in range(n):
-                        total += P[row - 1, k, q] * scr.F[r, q]
+                        total += P[row - 1, k, q] * F[r, q]
                     cross[row, k, r if r < 3 else at_d] = total
         for k in range(n):
             ahead[row, k] = state.x[0, k]
             for q in range(n):
                 P_ahead[row, k, q] = state.P[0, k, q]
         kernels._update(
-            0, b, scr.p, state.x, state.P, state.slow, state.bias, z, row, state.z, state.predicted, state.glitches,
-            w_cmd[row], theta[row], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
+            0, b, scr.p[0], state.x, state.P, state.slow, state.bias, z, row, state.z, state.predicted, state.glitches,
+            w_cmd[row], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
         )  # fmt: skip
+        kernels.mirror(0, n, state.P)
         for c in range(3):
             state.predicted[0, c] = scr.y[0, c]
             if z[row, c] == z[row, c]:

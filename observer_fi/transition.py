@@ -86,39 +86,26 @@ def _rates(s, w, I, x, d, phi, h, sag, c, w_cmd, theta, torque, rate, p):
 
 
 @inlined
-def _slide(j, s, w, I, x, d, slow, t, c0, mean, theta, torque, rate, p):
+def _slide(s, w, I, x, d, phi, h, sag, c, t, c0, mean, theta, torque, rate, p):
     """Midpoint rule over (w, I, x, d) with the sign of motion s held; `mean` is the mean command over the step.
 
     At 0.7 ms and 22 Hz its error is 2e-4 of a step's change, far below the noise; docs/decisions has the comparison.
     """
     on = 1.0 if p[a.CONTACT] != 0.0 else 0.0
     half = 0.5 * t
-    phi, h, sag, c = slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
     w1, I1, x1 = _rates(s, w, I, x, d, phi, h, sag, c, c0, theta, torque, rate, p)
     w2, I2, x2 = _rates(
-        s,
-        w + half * w1,
-        I + half * I1,
-        x + half * x1,
-        d + on * half * x1,
-        phi + half * w,
-        h,
-        sag,
-        c,
-        mean,
-        theta,
-        torque,
-        rate,
-        p,
-    )
+        s, w + half * w1, I + half * I1, x + half * x1, d + on * half * x1, phi + half * w, h, sag, c, mean,
+        theta, torque, rate, p,
+    )  # fmt: skip
     return w + t * w2, I + t * I2, x + t * x2, d + on * t * x2
 
 
 @inlined
-def _breakaway(j, I, x, d, slow, w_cmd, theta, torque, p):
+def _breakaway(I, x, d, phi, h, sag, c, w_cmd, theta, torque, p):
     """Sign in which the drive overcomes friction at rest; 0 where friction holds."""
-    i = _current(0.0, I, slow[j, LAGGED], slow[j, H], slow[j, SAG], w_cmd, p)
-    push = p[a.KM] * i - a.load_torque(0.0, x, d, slow[j, PHI], theta, p) - torque
+    i = _current(0.0, I, c, h, sag, w_cmd, p)
+    push = p[a.KM] * i - a.load_torque(0.0, x, d, phi, theta, p) - torque
     hold = a.friction(0.0, x, theta, p)
     if push > hold + p[a.FRICTION_ASYMMETRY]:
         return 1.0
@@ -141,16 +128,17 @@ def _advance_slow(j, w0, w1, I, t, w_cmd, slow, p):
 
 
 @inlined
-def propagate(j, x, at, slow, t, interval, row, last, theta, p):
-    """Mean of state j a sample later; rows j of x and slow are overwritten. True where the motor rests at the end.
+def sign_of(w):
+    """Sign of motion, 0 at rest."""
+    return 1.0 if w > 0.0 else (-1.0 if w < 0.0 else 0.0)
 
-    x: (m, n), row j with the layout at[j]. t: time step [s]. interval (rows, 2 m): command at the half-steps in its
-    row `row`, `last` at the end [rad/s].
+
+@inlined
+def advance(j, w, I, pos, d, torque, rate, slow, t, interval, row, last, theta, p):
+    """Mean a sample later: (w, I, x, d, whether the motor rests at the end); row j of slow is overwritten.
+
+    t: time step [s]. interval (rows, 2 m): command at the half-steps in its row `row`, `last` at the end [rad/s].
     """
-    w, I, pos = x[j, 0], x[j, 1], x[j, 2]
-    d = x[j, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
-    torque = x[j, at[j, AT_TORQUE]] if at[j, AT_TORQUE] >= 0 else 0.0
-    rate = x[j, at[j, AT_RATE]] if at[j, AT_RATE] >= 0 else 0.0
     steps = interval.shape[1] // 2
     step = t / steps
     resting = False
@@ -158,21 +146,18 @@ def propagate(j, x, at, slow, t, interval, row, last, theta, p):
         c0, c1 = interval[row, 2 * m], interval[row, 2 * m + 1]
         c2 = interval[row, 2 * m + 2] if m + 1 < steps else last
         mean = (c0 + 4.0 * c1 + c2) / 6.0
+        phi, h, sag, c = slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
         w0, left, resting = w, step, False
         for _ in range(3):
-            s = 0.0
-            if w > 0.0:
-                s = 1.0
-            elif w < 0.0:
-                s = -1.0
-            else:
-                s = _breakaway(j, I, pos, d, slow, mean, theta, torque, p)
+            s = sign_of(w)
+            if s == 0.0:
+                s = _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p)
             if s == 0.0:
                 I += left * mean
                 pos += left * rate
                 resting = True
                 break
-            w1, I1, x1, d1 = _slide(j, s, w, I, pos, d, slow, left, c0, mean, theta, torque, rate, p)
+            w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, left, c0, mean, theta, torque, rate, p)
             if w1 * s >= 0.0:
                 w, I, pos, d = w1, I1, x1, d1
                 break
@@ -185,41 +170,62 @@ def propagate(j, x, at, slow, t, interval, row, last, theta, p):
             if left <= STOPS_WITHIN * step:
                 break
         _advance_slow(j, w0, w, I, step, c2, slow, p)
-    x[j, 0], x[j, 1], x[j, 2] = w, I, pos
+    return w, I, pos, d, resting
+
+
+@inlined
+def value(j, k, x):
+    """State k of hypothesis j, 0 where it has none (k = -1)."""
+    return x[j, k] if k >= 0 else 0.0
+
+
+@inlined
+def propagate(j, x, at, slow, t, interval, row, last, theta, p):
+    """As `advance`, with rows j of x (m, n) and slow overwritten. True where the motor rests at the end."""
+    x[j, 0], x[j, 1], x[j, 2], d, resting = advance(
+        j, x[j, 0], x[j, 1], x[j, 2], value(j, at[j, AT_D], x), value(j, at[j, AT_TORQUE], x),
+        value(j, at[j, AT_RATE], x), slow, t, interval, row, last, theta, p,
+    )  # fmt: skip
     if at[j, AT_D] >= 0:
         x[j, at[j, AT_D]] = d
     return resting
 
 
 @inlined
-def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
-    """Jacobian of (dw/dt, dI/dt, dx/dt) by the state, into g (3, n), at the state x while sliding.
+def driven(i_cmd, w, h, sag, p):
+    """The current that a commanded one leads to, and its slopes by w, I and the limit of the supply."""
+    i = a.limited_current(i_cmd, w, h, sag, p)
+    if i == i_cmd:
+        return i, -p[a.KP], p[a.KI], 0.0
+    per_R = 1.0 / (p[a.RM] * (1.0 + h) + p[a.RS])
+    return i, -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd)
 
-    p: parameters with this hypothesis' factors, base: without. Friction keeps its sign; effects of the torque are
-    differentiated numerically, everything else exactly. dI/dt has no entry but -1 for w, which callers know.
+
+@inlined
+def motion_slopes(w, I, pos, d, phi, h, sag, w_cmd, theta, torque, p):
+    """What moves w, I and x: d(dw/dt) by w, I, x, d(dx/dt) by w; and current, its slope by the supply, load, 1 / J.
+
+    Friction keeps its sign; effects of the torque are differentiated numerically, everything else exactly.
     """
-    w, I, pos = x[j, 0], x[j, 1], x[j, 2]
-    d = x[j, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
-    torque = x[j, at[j, AT_TORQUE]] if at[j, AT_TORQUE] >= 0 else 0.0
     s = 1.0 if w > 0.0 else -1.0
-    i_cmd = a.command_current(w, I, w_cmd, p)
-    i = a.limited_current(i_cmd, w, slow[j, H], slow[j, SAG], p)
-    di_dw, di_dI, di_dV = -p[a.KP], p[a.KI], 0.0
-    if i != i_cmd:
-        per_R = 1.0 / (p[a.RM] * (1.0 + slow[j, H]) + p[a.RS])
-        di_dw, di_dI, di_dV = -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd)
+    i, di_dw, di_dI, di_dV = driven(a.command_current(w, I, w_cmd, p), w, h, sag, p)
     per_J = 1.0 / a.inertia(p)
-    load = a.applied_torque(s, w, pos, d, slow[j, PHI], theta, p) + torque
-    g[0, 0] = p[a.KM] * di_dw * per_J
-    g[0, 1] = p[a.KM] * di_dI * per_J
-    for k in range(2, at[j, SIZE]):
-        g[0, k] = 0.0
-        g[2, k] = 0.0
+    load = a.applied_torque(s, w, pos, d, phi, theta, p) + torque
+    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, 0.0
     if p[a.EXTENDED] != 0.0:
         dw, dp = 0.5, 1e-5
-        g[0, 0] -= (a.applied_torque(s, w + dw, pos, d, slow[j, PHI], theta, p) + torque - load) / dw * per_J
-        g[0, 2] -= (a.applied_torque(s, w, pos + dp, d, slow[j, PHI], theta, p) + torque - load) / dp * per_J
-    g[2, 0] = a.mass_speed(1.0, d, load, p)
+        by_w -= (a.applied_torque(s, w + dw, pos, d, phi, theta, p) + torque - load) / dw * per_J
+        by_x -= (a.applied_torque(s, w, pos + dp, d, phi, theta, p) + torque - load) / dp * per_J
+    return by_w, by_I, by_x, a.mass_speed(1.0, d, load, p), i, di_dV, load, per_J
+
+
+@inlined
+def constant_slopes(j, x, at, w, d, i, di_dV, load, per_J, theta, p, base, g):
+    """Slopes of dw/dt and dx/dt by the states behind w, I, x, into g (3, n); entries that no state has are left alone.
+
+    p: parameters with this hypothesis' factors, base: without.
+    """
+    s = 1.0 if w > 0.0 else -1.0
     if at[j, AT_SUPPLY] >= 0:
         g[0, at[j, AT_SUPPLY]] = p[a.KM] * di_dV * base[j, a.VMAX] * per_J
     if at[j, AT_A] >= 0:
@@ -243,92 +249,107 @@ def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
 
 
 @inlined
+def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
+    """Jacobian of (dw/dt, dI/dt, dx/dt) by the state, into g (3, n), at the state x while sliding.
+
+    dI/dt has no entry but -1 for w, which callers know.
+    """
+    w, d = x[j, 0], value(j, at[j, AT_D], x)
+    for k in range(2, at[j, SIZE]):
+        g[0, k] = 0.0
+        g[2, k] = 0.0
+    g[0, 0], g[0, 1], g[0, 2], g[2, 0], i, di_dV, load, per_J = motion_slopes(
+        w, x[j, 1], x[j, 2], d, slow[j, PHI], slow[j, H], slow[j, SAG], w_cmd, theta, value(j, at[j, AT_TORQUE], x), p
+    )  # fmt: skip
+    constant_slopes(j, x, at, w, d, i, di_dV, load, per_J, theta, p, base, g)
+
+
+@inlined
+def motion_transition(by_w, by_I, by_x, by_d, x_by_w, t):
+    """Transition matrix of w, I, x, I + g t + (g t)^2 / 2: (F_ww, F_wI, F_wx, F_Iw, F_II, F_xw, F_xI); F_Ix = 0, F_xx = 1."""
+    half = 0.5 * t * t
+    return (
+        1.0 + t * by_w + half * (by_w * by_w + (by_x + by_d) * x_by_w - by_I),
+        t * by_I + half * by_w * by_I,
+        t * by_x + half * by_w * by_x,
+        -t - half * by_w,
+        1.0 - half * by_I,
+        t * x_by_w + half * x_by_w * by_w,
+        half * x_by_w * by_I,
+    )
+
+
+@inlined
+def constant_transition(by_w, by_x, by_d, w_slope, x_slope, t):
+    """What a constant does to w in a step, from its slopes; numbers, or rows of them."""
+    half = 0.5 * t * t
+    return w_slope * (t + half * by_w) + x_slope * (half * (by_x + by_d))
+
+
+@inlined
 def transition(j, at, g, t, resting, F):
     """Rows of the discrete transition matrix for w, I, x and, where there is one, d, into F (4, n): I + g t + (g t)^2 / 2.
 
     Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later. d moves
     with x. A motor that rests forgets its speed, and nothing else moves.
     """
-    n = at[j, SIZE]
-    if resting:
+    n, at_d = at[j, SIZE], at[j, AT_D]
+    for r in range(4):
         for k in range(n):
-            F[0, k] = 0.0
-            F[1, k] = 0.0
-            F[2, k] = 0.0
-            F[3, k] = 0.0
-        F[1, 1] = 1.0
-        F[2, 2] = 1.0
-        if at[j, AT_D] >= 0:
-            F[3, at[j, AT_D]] = 1.0
-        return
-    half = 0.5 * t * t
-    by_d = g[0, at[j, AT_D]] if at[j, AT_D] >= 0 else 0.0
-    for k in range(n):
-        F[0, k] = t * g[0, k] + half * (g[0, 0] * g[0, k] + (g[0, 2] + by_d) * g[2, k])
-        F[1, k] = 0.0
-        F[2, k] = t * g[2, k]
-    for k in range(2):
-        F[1, k] = -half * g[0, k]
-        F[2, k] += half * g[2, 0] * g[0, k]
-    F[0, 0] += 1.0 - half * g[0, 1]
-    F[1, 0] -= t
-    F[1, 1] += 1.0
-    F[2, 2] += 1.0
-    if at[j, AT_D] >= 0:
+            F[r, k] = 0.0
+    F[1, 1], F[2, 2] = 1.0, 1.0
+    if not resting:
+        by_w, by_x, by_d = g[0, 0], g[0, 2], g[0, at_d] if at_d >= 0 else 0.0
+        F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[2, 0], F[2, 1] = motion_transition(
+            by_w, g[0, 1], by_x, by_d, g[2, 0], t
+        )
+        for k in range(3, n):
+            F[0, k] = constant_transition(by_w, by_x, by_d, g[0, k], g[2, k], t)
+            F[2, k] = t * g[2, k]
+    if at_d >= 0:
         for k in range(n):
             F[3, k] = F[2, k]
         F[3, 2] -= 1.0
-        F[3, at[j, AT_D]] += 1.0
+        F[3, at_d] += 1.0
+
+
+@inlined
+def readings(w, I, pos, h, sag, c, w_cmd, p, supply):
+    """Predicted voltage, current, position, and their slopes: of V and i by w, I and the factor of the supply (`supply`
+    its voltage without that factor), of x by w and x.
+
+    Equation 15 for the voltage, equation 6 for the current.
+    """
+    i_cmd = a.command_current(w, I, w_cmd, p)
+    if p[a.EXTENDED] != 0.0 and p[a.CURRENT_LAG] > 0.0:
+        i_cmd = c
+    i, di_dw, di_dI, di_dV = driven(i_cmd, w, h, sag, p)
+    di_dV *= supply
+    resistance = p[a.RM] * (1.0 + h)
+    V, shown_i, shown_x, gain, lag = a.terminal_voltage(i, w, h, p), i, pos, 1.0, 0.0
+    if p[a.EXTENDED] != 0.0:
+        V += p[a.VOLTAGE_OFFSET]
+        shown_i, gain = a.current_reading(i, p), p[a.CURRENT_GAIN]
+        shown_x = a.position_reading(pos, a.mass_speed(w, 0.0, 0.0, p), p)
+        lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
+    return (
+        V, shown_i, shown_x, resistance * di_dw + p[a.KM], resistance * di_dI, resistance * di_dV,
+        gain * di_dw, gain * di_dI, gain * di_dV, -lag, p[a.POSITION_GAIN],
+    )  # fmt: skip
 
 
 @inlined
 def channels(j, x, at, slow, w_cmd, theta, p, base, y, H):
-    """Predicted voltage, current, position, into y (m, 3) row j, and their slopes by w, I, x and the factor of the
-    supply, into H (3, 4).
-
-    Equation 15 for the voltage, equation 6 for the current.
-    """
-    w, I = x[j, 0], x[j, 1]
-    i_cmd = a.command_current(w, I, w_cmd, p)
-    if p[a.EXTENDED] != 0.0 and p[a.CURRENT_LAG] > 0.0:
-        i_cmd = slow[j, LAGGED]
-    i = a.limited_current(i_cmd, w, slow[j, 1], slow[j, SAG], p)
-    resistance = p[a.RM] * (1.0 + slow[j, 1])
-    di_dw, di_dI, di_dV = -p[a.KP], p[a.KI], 0.0
-    if i != i_cmd:
-        per_R = 1.0 / (resistance + p[a.RS])
-        di_dw, di_dI, di_dV = -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd) * base[j, a.VMAX]
-    y[j, 0] = a.terminal_voltage(i, w, slow[j, 1], p)
-    y[j, 1] = i
-    y[j, 2] = x[j, 2]
-    gain, lag = 1.0, 0.0
-    if p[a.EXTENDED] != 0.0:
-        y[j, 0] += p[a.VOLTAGE_OFFSET]
-        y[j, 1] = a.current_reading(i, p)
-        gain = p[a.CURRENT_GAIN]
-        y[j, 2] = a.position_reading(x[j, 2], a.mass_speed(w, 0.0, 0.0, p), p)
-        lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
-    H[0, 0] = resistance * di_dw + p[a.KM]
-    H[0, 1] = resistance * di_dI
-    H[0, 2] = 0.0
-    H[0, 3] = resistance * di_dV
-    H[1, 0] = gain * di_dw
-    H[1, 1] = gain * di_dI
-    H[1, 2] = 0.0
-    H[1, 3] = gain * di_dV
-    H[2, 0] = -lag
-    H[2, 1] = 0.0
-    H[2, 2] = p[a.POSITION_GAIN]
-    H[2, 3] = 0.0
+    """The `readings` into y (m, 3) row j, and their slopes by w, I, x and the factor of the supply, into H (3, 4)."""
+    (
+        y[j, 0], y[j, 1], y[j, 2], H[0, 0], H[0, 1], H[0, 3], H[1, 0], H[1, 1], H[1, 3], H[2, 0], H[2, 2],
+    ) = readings(
+        x[j, 0], x[j, 1], x[j, 2], slow[j, 1], slow[j, SAG], slow[j, LAGGED], w_cmd, p, base[j, a.VMAX]
+    )  # fmt: skip
+    H[0, 2], H[1, 2], H[2, 1], H[2, 3] = 0.0, 0.0, 0.0, 0.0
 
 
 LOG_2PI = math.log(2.0 * math.pi)
-
-
-@inlined
-def log_normal(e, S):
-    """Log-density of a zero-mean Gaussian of variance S at e."""
-    return -0.5 * (LOG_2PI + math.log(S) + e * e / S)
 
 
 @inlined
@@ -355,19 +376,21 @@ def failed_channel(j, z, previous, y, spread, sigma, bias, tuning):
     noise. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of
     repeating, its scale in sigma, weight of noise, its scale in sigma).
     """
+    wide, narrow = tuning[3] * sigma, tuning[1] * sigma
     S = spread + bias[j, 1] + sigma * sigma
-    e = z - y - bias[j, 0]
-    wide = tuning[3] * sigma
-    off = math.log(1.0 - tuning[0] - tuning[2]) + log_normal(e, S)
-    noisy = math.log(tuning[2]) + log_normal(e, S + wide * wide)
-    still = math.log(tuning[0]) + log_normal(z - previous, (tuning[1] * sigma) ** 2)
-    top = max(off, noisy, still)
-    total = math.exp(off - top) + math.exp(noisy - top) + math.exp(still - top)
-    trust = 1.0 - math.exp(noisy - top) / total
+    noise, repeat = S + wide * wide, narrow * narrow
+    e, change = z - y - bias[j, 0], z - previous
+    by_S, by_noise, by_repeat = e * e / S, e * e / noise, change * change / repeat
+    least = min(by_S, by_noise, by_repeat)
+    off = (1.0 - tuning[0] - tuning[2]) / math.sqrt(S) * math.exp(0.5 * (least - by_S))
+    noisy = tuning[2] / math.sqrt(noise) * math.exp(0.5 * (least - by_noise))
+    still = tuning[0] / math.sqrt(repeat) * math.exp(0.5 * (least - by_repeat))
+    total = off + noisy + still
+    trust = 1.0 - noisy / total
     gain = bias[j, 1] / S
     bias[j, 0] += trust * gain * e
     bias[j, 1] *= 1.0 - trust * gain
-    return top + math.log(total)
+    return math.log(total) - 0.5 * (LOG_2PI + least)
 
 
 @inlined

@@ -51,7 +51,15 @@ def test_source_maps_follow_state_names() -> None:
                 at = ARRAYS.source[j, i, k]
                 assert at == (source.states.index(state) if state in source.states else -1)
             assert (ARRAYS.source[j, i, len(target.states) :] == -1).all()
-            assert ARRAYS.alike[j, i] == (target.states == source.states)
+            assert ARRAYS.aligned[j, i]
+            for k, state in enumerate(target.states[3:]):
+                prior = (
+                    (0.0, 0.0)
+                    if state in source.states
+                    else (ARRAYS.entry_mean[j, k + 3], ARRAYS.entry_var[j, k + 3])
+                )
+                assert ARRAYS.shared[j, i, k] == (state in source.states)
+                assert (ARRAYS.lacking_mean[j, i, k], ARRAYS.lacking_var[j, i, k]) == prior
 
 
 def test_entry_priors_are_the_rigs_spread() -> None:

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -411,3 +412,35 @@ def test_smoothing_none_of_these_recovers_what_the_equations_lack() -> None:
     assert (
         abs(x[after, at] + spec.rig.E * spec.rig.D * x[after, 0]) < 5.0 * std[after] < 0.9 * abs(x[after, at])
     )
+
+
+# --- the rows of constants ------------------------------------------------------------------------
+
+
+def test_the_order_in_which_hypotheses_name_their_states_does_not_matter() -> None:
+    log = cut(move(3, "overload"), 0.25, onset(3, "overload") + 0.1)
+    usual = bank(RIG, SETTINGS)
+    turned = tuple(
+        replace(h, states=(*h.states[:3], *h.states[:2:-1])) if k % 2 else h for k, h in enumerate(usual)
+    )
+    a, b = (kernels.Bank(RIG, SETTINGS, hypotheses).advance(log) for hypotheses in (usual, turned))
+    assert not kernels.Bank(RIG, SETTINGS, turned).arrays.aligned.all()
+    np.testing.assert_allclose(a.probability, b.probability, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(a.density, b.density, rtol=1e-6, atol=1e-6)
+
+
+def test_too_many_constants_are_an_error_that_says_so() -> None:
+    many = Hypothesis("many", "nominal", RIG.model, ("w", "I", "x", *(f"c{k}" for k in range(9))))
+    with pytest.raises(ValueError, match="at most 8 numbers, got 9"):
+        kernels.Bank(RIG, SETTINGS, (many,))
+
+
+def test_two_runs_write_the_same_bits_wherever_their_arrays_lie() -> None:
+    """LLVM chooses between two forms of a loop by the addresses of its arrays: both have to round alike."""
+    log = cut(move(3, "overload"), 0.2, 0.5)
+    rng, held, found = np.random.default_rng(0), [], set()
+    for _ in range(40):
+        held.append([np.full(int(rng.integers(1, 3000)), np.nan) for _ in range(20)])
+        got = kernels.Bank(RIG, SETTINGS).advance(log)
+        found.add((got.probability.tobytes(), got.density.tobytes(), got.predicted.tobytes()))
+    assert len(found) == 1

@@ -305,9 +305,3 @@ def test_a_bias_is_learned_and_a_burst_of_noise_is_not() -> None:
 def test_a_repeated_reading_speaks_for_a_frozen_converter() -> None:
     assert failed(5.0, 5.0)[0] - failed(5.0, 4.0)[0] > 2.0
     assert np.isfinite(failed(5.0, np.inf)[0])
-
-
-def test_gaussian_log_density() -> None:
-    assert tr.log_normal(1.5, 4.0) == pytest.approx(
-        np.log(np.exp(-0.5 * 1.5**2 / 4.0) / np.sqrt(8.0 * np.pi))
-    )
