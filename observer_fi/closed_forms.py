@@ -97,7 +97,7 @@ def source(log: Log, starts: Sequence[Start]) -> Step | None:
         "15",
         {"Vmax": float(x[0]), "Rs": float(x[1])},
         _errors(("Vmax", "Rs"), covariance),
-        {"current": i, "voltage": V},
+        {"current": i, "voltage": V, "fitted": x[0] - x[1] * i},
     )
 
 
@@ -124,7 +124,7 @@ def friction(
     x, covariance = regression(weight[:, None] * G, weight * (torque - known))
     used = names if both else names[:1]
     values = {n: float(v) for n, v in zip(used, x, strict=True)}
-    arrays = {"pitch": pitch, "torque": torque, "direction": sign}
+    arrays = {"pitch": pitch, "torque": torque, "fitted": known + G @ x, "direction": sign}
     return Step("7" if names[1] else "13", values, _errors(used, covariance), arrays)
 
 
@@ -230,7 +230,7 @@ def contact(log: Log, move: Segment, model: Model, stop: float, side: float) -> 
         "11",
         {"C": C, name: place},
         _errors(("C", name), covariance * max(scatter, 1.0)),
-        {"x": x, "torque": torque},
+        {"x": x, "torque": torque, "fitted": C * depth**2},
     )
 
 
@@ -248,7 +248,7 @@ def compression(log: Log, move: Segment, model: Model, stop: float, side: float)
         "10",
         values,
         {"E": float(np.sqrt(covariance[1, 1])) / model["D"]},
-        {"angle": angle[inside], "x": x[inside]},
+        {"angle": angle[inside], "x": x[inside], "fitted": G @ fit},
     )
 
 

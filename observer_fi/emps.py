@@ -47,13 +47,13 @@ class Run:
 
 
 def find_folder(folder: str | Path | None = None) -> Path:
-    """The folder that holds the files: the one named, or OBSERVER_FI_DATA or its folder `emps`. Raises UsageError."""
+    """The folder that holds the files: the one named or OBSERVER_FI_DATA, or `emps` or `data/emps` in it. Raises UsageError."""
     named = folder or os.environ.get(VARIABLE)
     if not named:
         raise UsageError(
             f"no folder of EMPS data: download {_BOTH} from {WHERE} and name their folder, or set {VARIABLE}"
         )
-    for place in (Path(named), Path(named) / "emps"):
+    for place in (Path(named), Path(named) / "emps", Path(named) / "data" / "emps"):
         if any((place / name).exists() for name in FILES):
             return place
     raise UsageError(f"{named}: holds no {LEARN}; download {_BOTH} from {WHERE} into it")

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from observer_fi.actuator import PARAMETERS
 from observer_fi.inverse import Solution, held_out, relative
 from observer_fi.inverse_columns import Sharing
+from observer_fi.inverse_figures import of_ladder
 from observer_fi.inverse_improve import extended, findings, refitted, to_json
 from observer_fi.inverse_naming import Ladder
 from observer_fi.inverse_screening import Score
@@ -211,12 +212,14 @@ def improve_files(ladder: Ladder, name: str, logs: Sequence[str]) -> dict[str, s
     """Everything that one improve report of a force-driven rig consists of, {file name: text}."""
     page = environment().get_template("improve_force.html")
     before, after = (relative(held_out(s), s.force) for s in (ladder.start, ladder.final))
+    drawn = of_ladder(ladder)
     html = page.render(
-        ladder=ladder, name=name, logs=logs, headline=improve_headline(ladder), findings=lines(ladder),
+        ladder=ladder, figures=drawn, name=name, logs=logs, headline=improve_headline(ladder), findings=lines(ladder),
         refit=refitted(ladder), detectable=detectable(ladder), before=before, after=after, versions=versions(),
     )  # fmt: skip
     return {
         "improve.json": json_text(to_json(ladder)),
         "report.html": html,
         "rig.toml": rig_toml(extended(ladder, f"{ladder.rig.name}_extended")),
+        **{f"{key}.svg": svg for key, svg in drawn.items()},
     }

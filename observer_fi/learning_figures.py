@@ -29,6 +29,11 @@ UNITS = {
     "electrical": ("resistance [ohm]", 1.0),
     "kinematics": ("share of travel", 1.0),
 }
+AXES = {
+    "current": "current [A]", "voltage": "terminal voltage [V]", "pitch": "pitch [deg]", "torque": "motor torque [N m]",
+    "time": "time [s]", "speed": "speed [rad/s]", "error": "speed less command [rad/s]", "x": "position [m]",
+    "angle": "motor angle [rad]",
+}  # fmt: skip
 WIDTH, LEFT, RIGHT = 1040.0, 62.0, 150.0
 
 
@@ -198,23 +203,28 @@ def _pairs(step: Any) -> list[tuple[str, Array, Array]]:
 
 
 def step_figure(name: str, step: Any) -> str:
-    """One step of section 3: data as dots, model as a line."""
+    """One step of section 3: data as dots, what was fitted as lines, one a direction of motion."""
     curves = _pairs(step)
-    title = f"{name.replace('_', ' ')}, equation {step.equation}"
+    title = f"{name.replace('_', ' ').capitalize()}, equation {step.equation}: {_axis(curves[0][0])}"
     figure = Figure(f"step-{name}", WIDTH, 230.0, title)
     x = curves[0][1]
     panel = figure.panel(
         LEFT, 34.0, WIDTH - LEFT - RIGHT, 140.0, padded(x), padded(*(y for _, _, y in curves))
     )
-    panel.frame(next(iter(step.arrays)).replace("_", " "), title)
+    panel.frame(_axis(next(iter(step.arrays))), title)
+    ways = np.asarray(step.arrays.get("direction", np.ones(x.size)))
     labels = []
     for k, (label, at, y) in enumerate(curves):
-        order = np.argsort(at)
-        colour = MEASURED if k == 0 else (AFTER, BEFORE)[(k - 1) % 2]
-        if k == 0:
-            panel.points(at, y, colour, 3.0)
-        else:
+        colour = MUTED if k == 0 else (AFTER, BEFORE)[(k - 1) % 2]
+        for way in np.unique(ways) if k else ():
+            order = np.flatnonzero(ways == way)[np.argsort(at[ways == way])]
             panel.line(at[order], y[order], colour, 1.4)
-        labels.append((float(y[order][-1]), label.replace("_", " "), MUTED if k == 0 else colour))
+        if k == 0:
+            panel.points(at, y, colour, 5.0 if y.size < 40 else 2.5)
+        labels.append((float(y[np.argmax(at)]), label.replace("_", " "), colour))
     panel.end_labels(labels)
     return figure.svg()
+
+
+def _axis(name: str) -> str:
+    return AXES.get(name, name.replace("_", " "))

@@ -3,6 +3,7 @@
 from typing import Any
 
 from observer_fi import learning_figures
+from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.improve import Improvement, to_json
 from observer_fi.models import Rig, rig_toml
@@ -40,14 +41,27 @@ def identify_files(fit: Fit, rig: Rig, identified: Rig, name: str, logs: list[st
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions()
-    )
+        fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions(),
+        left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
+    )  # fmt: skip
     return {
         "identify.json": json_text(identify_json(fit)),
         "report.html": html,
         "rig.toml": rig_toml(identified),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
     }
+
+
+RMSE = {
+    "current_a": ("current", 1e3, "mA"), "position_m": ("position", 1e6, "µm"), "speed_rad_s": ("speed", 1.0, "rad/s"),
+    "voltage_v": ("voltage", 1e3, "mV"), "force_n": ("force", 1.0, "N"),
+}  # fmt: skip
+
+
+def left_over(rmse: dict[str, float]) -> str:
+    """Root mean squares of a fit in words and handy units."""
+    known = [(*RMSE[name], value) for name, value in rmse.items() if name in RMSE]
+    return ", ".join(f"{name} {number(scale * value, 3)} {unit}" for name, scale, unit, value in known)
 
 
 def identify_json(fit: Fit) -> dict[str, Any]:

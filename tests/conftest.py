@@ -1,4 +1,4 @@
-"""What every test shares: no display, the same hypothesis examples each run, the recorded logs if any."""
+"""What every test shares: the same hypothesis examples each run, the recorded logs if any."""
 
 import os
 from pathlib import Path
@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-os.environ["MPLBACKEND"] = "Agg"  # before anything imports matplotlib; child processes inherit it
 
 # The same examples each run, and no deadline: the first call of a kernel compiles it.
 settings.register_profile("observer_fi", derandomize=True, deadline=None)

@@ -32,6 +32,10 @@ AS_PUBLISHED = InverseSettings(edge=0)
 
 @pytest.fixture(scope="session")
 def logs(recorded_data):
+    try:
+        emps.find_folder(recorded_data)
+    except UsageError as error:
+        pytest.skip(str(error))
     return emps.to_logs(recorded_data)
 
 
@@ -44,6 +48,13 @@ def test_missing_data_is_one_line(tmp_path, monkeypatch):
         with pytest.raises(UsageError, match="nonlinearbenchmark.org") as error:
             emps.load(emps.LEARN, folder)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("inside", ["", "emps", "data/emps"])
+def test_the_files_may_lie_deeper(inside, tmp_path):
+    (tmp_path / inside).mkdir(parents=True, exist_ok=True)
+    (tmp_path / inside / emps.LEARN).touch()
+    assert emps.find_folder(tmp_path) == tmp_path / inside
 
 
 def test_altered_data_is_one_line(tmp_path):

@@ -303,7 +303,7 @@ def test_the_same_logs_give_the_same_result():
 def test_files_of_the_command():
     ladder = name_causes(rig(), [prepare(log(Truth(DRAG, DRAG)))])
     files = improve_files(ladder, "bench", ["bench.csv"])
-    assert set(files) == {"improve.json", "report.html", "rig.toml"}
+    assert set(files) == {"improve.json", "report.html", "rig.toml", "ladder.svg", "force.svg", "curves.svg"}
     assert "The equations miss viscous friction" in files["report.html"]
     assert improve_files(ladder, "bench", ["bench.csv"]) == files
     nothing = name_causes(rig(**VISCOUS), [prepare(log(Truth(DRAG, DRAG)))])
