@@ -1,7 +1,9 @@
 """A log in, a verdict out: file -> chunks -> bank -> isolation -> Outcome, in memory that does not grow with the log."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -37,7 +39,7 @@ def make_bank(rig: Rig, settings: Settings, engine: str = "compiled", filter_kin
         from observer_fi.observers import FilterpyBank  # filterpy is slow to import
 
         return FilterpyBank(rig, settings.bank, filter_kind=filter_kind)
-    return kernels.Bank(rig, settings.bank)
+    return kernels.Bank(rig, settings.bank, filter_kind=filter_kind)
 
 
 def diagnose(
@@ -57,8 +59,7 @@ def diagnose(
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
     recovered = None if file.has_command else _recovered(path, rig, columns)
-    for log in file.chunks() if recovered is None else _pieces(recovered):
-        run.add(log)
+    run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
@@ -111,6 +112,7 @@ class Diagnosis:
             if isinstance(self.bank, kernels.Bank)
             else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
         )
+        self.memory = self.keeper
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.isolator = Isolator(modes, settings.decision)
         self.onsets: dict[tuple[float, int], Any] = {}
@@ -119,22 +121,42 @@ class Diagnosis:
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
         self.path, self.first_row = "", 0
 
+    def add_all(self, logs: Iterable[Log]) -> None:
+        """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
+        with ThreadPoolExecutor(1) as thread:
+            before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
+            for log in logs:
+                ahead = log, thread.submit(self._advanced, log)
+                if before is not None:
+                    self._judge(before[0], *before[1].result())
+                before = ahead
+            if before is not None:
+                self._judge(before[0], *before[1].result())
+
     def add(self, log: Log) -> None:
         """Take the next chunk."""
-        self.path = log.path
-        if not self.samples:
-            self.first, self.rate = float(log.t[0]), log.rate_hz
-        self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
+        self._judge(log, *self._advanced(log))
+
+    def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
+        """The bank's estimate of the next chunk, and what it remembers after it."""
         estimate = self.bank.advance(log)
         if self.keeper is not self.bank:
             self.keeper.advance(log)
+        return estimate, self.keeper.memory()
+
+    def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
+        self.path, self.memory = log.path, memory
+        if not self.samples:
+            self.first, self.rate = float(log.t[0]), log.rate_hz
+        self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         for tracker in self.isolator.add(estimate):
             self._look_for_onsets(tracker)
-        table = sketch.rows(log, tested(estimate, self.settings.decision), self.rig)
-        self.overview.add(table)
-        self.zoom.add(table, self._point_of_interest(estimate))
+        judged = tested(estimate, self.settings.decision)
+        rows_of = partial(sketch.rows, log, judged, self.rig)
+        self.overview.add(log.z, rows_of)
+        self.zoom.add(log.t, rows_of, self._point_of_interest(estimate))
         detected = self.detected_at if self.detected_at is not None else self._first_detection()
         self.baseline.add(log, estimate, detected)
 
@@ -146,7 +168,7 @@ class Diagnosis:
             if j == 0 or (key in self.onsets and self.onsets[key][0] == (run.since, True)):
                 continue
             first = max(tracker.start_s, min(run.detected, run.since) - d.onset_before_s)
-            found = onset_in(self.keeper, self.bank.hypotheses[j], first, last)
+            found = onset_in(self.memory, self.bank.hypotheses[j], first, last)
             if found is not None:
                 self.onsets[key] = (
                     (run.since, self.last >= last),
@@ -212,11 +234,13 @@ class Zoom:
         self.point: float | None = None
         self.tail: Array | None = None
 
-    def add(self, table: Array, point: float | None) -> None:
-        """Take the next rows; point: what to show [s], None where nothing has happened yet."""
-        joined = table if self.tail is None else np.vstack((self.tail, table))
+    def add(self, t: Array, rows_of: Callable[[slice], Array], point: float | None) -> None:
+        """Take the next samples: t (n,) and what makes rows of them; point: what to show [s], None where nothing has happened."""
+        before = self.tail if self.tail is not None else rows_of(slice(0, 0))
         if point is not None:
-            near = joined[(joined[:, 0] >= point - ZOOM_BEFORE_S) & (joined[:, 0] <= point + ZOOM_AFTER_S)]
+            low, high = point - ZOOM_BEFORE_S, point + ZOOM_AFTER_S
+            fresh = slice(int(np.searchsorted(t, low)), int(np.searchsorted(t, high, "right")))
+            near = np.vstack((before[(before[:, 0] >= low) & (before[:, 0] <= high)], rows_of(fresh)))
             moved = self.point is not None and abs(point - self.point) > 1e-9
             if self.table is None or moved:
                 self.table = near if near.size or self.table is None else self.table
@@ -224,7 +248,10 @@ class Zoom:
                 later = near[near[:, 0] > self.table[-1, 0]] if self.table.size else near
                 self.table = np.vstack((self.table, later))
             self.point = point
-        self.tail = joined[joined[:, 0] >= joined[-1, 0] - 1.0]
+        last = t[-1] - 1.0
+        self.tail = np.vstack(
+            (before[before[:, 0] >= last], rows_of(slice(int(np.searchsorted(t, last)), None)))
+        )
 
     def result(self) -> Array:
         """The rows of the window; the last second of the log where there is nothing to show."""

@@ -29,7 +29,7 @@ __all__ = [
     "read_log",
 ]
 
-CHUNK_ROWS = 200_000
+CHUNK_ROWS = 1 << 16
 
 
 class LogFile:

@@ -5,6 +5,7 @@ hypotheses mix only the states they share. The state of a bank is O(1) in the le
 file in chunks, a stream and a whole log give the same numbers. The filterpy bank of `observers.py` is the oracle.
 """
 
+import copy
 import math
 from collections import deque
 from typing import NamedTuple
@@ -832,6 +833,12 @@ class Bank:
         self._forget()
         names = tuple(h.name for h in self.hypotheses)
         return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
+
+    def memory(self) -> "Bank":
+        """This bank as an onset sees it now, whatever `advance` does later."""
+        now = copy.copy(self)
+        now.snapshots = self.snapshots.copy()
+        return now
 
     def _nominal(self, state: BankState) -> BankState:
         """A copy of what the first hypothesis remembers."""

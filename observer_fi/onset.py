@@ -85,16 +85,17 @@ def find_onset(
     if n < 2:
         raise ValueError(f"an onset needs a window of at least 2 samples, got {n}")
     own, other = _Single(nominal, rig, settings), _Single(fault, rig, settings)
-    states, before = [], np.zeros(n)
-    state = copied(start)
-    for k in range(n):
+    states, until, state = [], [0.0], copied(start)
+    for k in range(0, n, STRIDE):
         states.append(copied(state))
-        before[k] = own.density(state, window, k, k + 1)[0]
-    until = np.concatenate(([0.0], np.cumsum(before)))
+        until.append(until[-1] + float(own.density(state, window, k, min(k + STRIDE, n)).sum()))
 
     def score(k: int) -> float:
-        after = entered(states[k], nominal, fault, other, settings)
-        return until[k] + float(other.density(after, window, k, n).sum())
+        before, past = copied(states[k // STRIDE]), until[k // STRIDE]
+        if k % STRIDE:
+            past += float(own.density(before, window, k - k % STRIDE, k).sum())
+        after = entered(before, nominal, fault, other, settings)
+        return past + float(other.density(after, window, k, n).sum())
 
     scores = {k: score(k) for k in range(0, n, STRIDE)}
     best = max(scores, key=lambda k: scores[k])

@@ -1,5 +1,7 @@
 """What is drawn of a log: a decimated overview that keeps extremes, in bounded memory, and every sample of a short zoom."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,17 +12,17 @@ from observer_fi.records import Array, Estimate, Log, Traces
 BUCKETS = 600  # at most twice as many are held; each keeps up to six rows: the extremes of the three channels
 
 
-def rows(log: Log, e: Estimate, rig: Rig) -> Array:
+def rows(log: Log, e: Estimate, rig: Rig, which: NDArray[np.int64] | slice = slice(None)) -> Array:
     """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations."""
-    p = rig.model.vector
-    n, m = e.probability.shape
+    p, z, predicted = rig.model.vector, log.z[which], e.predicted[which]
+    n, m, _ = predicted.shape
     norm = residuals.residual_norm(
-        residuals.residual_vector(e.predicted, log.z[:, None, :], p), residuals.sensor_std(rig.noise_std, p)
+        residuals.residual_vector(predicted, z[:, None, :], p), residuals.sensor_std(rig.noise_std, p)
     )
     return np.column_stack(
         (
-            log.t, log.z, residuals.speed(log.z, p), log.w_cmd, log.pitch, e.probability, e.predicted.reshape(n, 3 * m),
-            residuals.speed(e.predicted, p), norm, e.normalised,
+            log.t[which], z, residuals.speed(z, p), log.w_cmd[which], log.pitch[which], e.probability[which],
+            predicted.reshape(n, 3 * m), residuals.speed(predicted, p), norm, e.normalised[which],
         )
     )  # fmt: skip
 
@@ -46,35 +48,36 @@ class Overview:
         self.seen = 0
         self.kept: list[tuple[NDArray[np.int64], Array]] = []  # sample numbers, rows
 
-    def add(self, table: Array) -> None:
-        """Take the next rows."""
-        number = np.arange(self.seen, self.seen + table.shape[0], dtype=np.int64)
-        self.seen += table.shape[0]
+    def add(self, z: Array, rows_of: Callable[[NDArray[np.int64]], Array]) -> None:
+        """Take the next samples: z (n, 3), and what makes the rows of some of them."""
+        number = np.arange(self.seen, self.seen + z.shape[0], dtype=np.int64)
+        self.seen += z.shape[0]
         while self.seen > 2 * BUCKETS * self.size:
             self.size *= 2
-        self.kept.append(self._thinned(number, table))
+        chosen = self._chosen(number, z)
+        self.kept.append((number[chosen], rows_of(chosen)))
         if sum(k.size for k, _ in self.kept) > 24 * BUCKETS or len(self.kept) > 64:
-            self.kept = [
-                self._thinned(np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept]))
-            ]
+            self.kept = [self._joined()]
 
-    def _thinned(self, number: NDArray[np.int64], table: Array) -> tuple[NDArray[np.int64], Array]:
-        """First row and extremes of voltage, current and position of each bucket, in order."""
+    def _joined(self) -> tuple[NDArray[np.int64], Array]:
+        number, table = np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept])
+        chosen = self._chosen(number, table[:, 1:4])
+        return number[chosen], table[chosen]
+
+    def _chosen(self, number: NDArray[np.int64], z: Array) -> NDArray[np.int64]:
+        """First sample and extremes of voltage, current and position of each bucket, in order."""
         if not number.size:
-            return number, table
+            return number
         bucket = number // self.size
         first = np.flatnonzero(np.concatenate(([True], np.diff(bucket) > 0)))
+        count = np.diff(np.append(first, number.size))
         keep = [first]
-        group = np.cumsum(np.concatenate(([0], (np.diff(bucket) > 0).astype(int))))
-        for c in (1, 2, 3):
-            order = np.lexsort((np.nan_to_num(table[:, c]), group))
-            keep += [order[first], order[np.concatenate((first[1:], [number.size])) - 1]]
-        chosen = np.unique(np.concatenate(keep))
-        return number[chosen], table[chosen]
+        for value in np.nan_to_num(z.T):
+            for extreme in (np.minimum, np.maximum):
+                there = np.flatnonzero(value == np.repeat(extreme.reduceat(value, first), count))
+                keep.append(there[np.searchsorted(there, first)])
+        return np.unique(np.concatenate(keep))
 
     def result(self) -> Array:
         """The rows kept."""
-        number, table = self._thinned(
-            np.concatenate([k for k, _ in self.kept]), np.vstack([r for _, r in self.kept])
-        )
-        return table
+        return self._joined()[1]

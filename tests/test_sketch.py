@@ -21,7 +21,7 @@ def table(n: int, seed: int = 0) -> np.ndarray:
 def sketched(whole: np.ndarray, *cuts: int) -> np.ndarray:
     overview = Overview()
     for part in np.split(whole, sorted(cuts)):
-        overview.add(part)
+        overview.add(part[:, 1:4], part.__getitem__)
     return overview.result()
 
 
@@ -53,7 +53,7 @@ def test_a_quarter_of_an_hour_is_as_small_as_a_minute() -> None:
     most = 0
     for k in range(25):
         part = np.column_stack([(57_600 * k + np.arange(57_600)) / 1600.0, rng.normal(size=(57_600, 3))])
-        overview.add(part)
+        overview.add(part[:, 1:4], part.__getitem__)
         most = max(most, sum(r.size for _, r in overview.kept))
     assert most < 32 * BUCKETS * 4
     t = overview.result()[:, 0]
@@ -94,7 +94,9 @@ def test_the_zoom_holds_every_sample_around_its_point_however_the_log_comes(step
     whole, zoom = table(8000), Zoom()
     for first in range(0, 8000, step):
         part = whole[first : first + step]
-        zoom.add(part, point if part[-1, 0] >= point else None)  # known as soon as it has passed
+        zoom.add(
+            part[:, 0], part.__getitem__, point if part[-1, 0] >= point else None
+        )  # known as soon as it has passed
     t = whole[:, 0]
     near = (t >= point - ZOOM_BEFORE_S) & (t <= point + ZOOM_AFTER_S)
     np.testing.assert_array_equal(zoom.result(), whole[near])
@@ -102,7 +104,7 @@ def test_the_zoom_holds_every_sample_around_its_point_however_the_log_comes(step
 
 def test_without_a_point_the_zoom_is_the_last_second() -> None:
     whole, zoom = table(8000), Zoom()
-    zoom.add(whole[:5000], None)
-    zoom.add(whole[5000:], None)
+    zoom.add(whole[:5000, 0], whole[:5000].__getitem__, None)
+    zoom.add(whole[5000:, 0], whole[5000:].__getitem__, None)
     assert zoom.result()[0, 0] == pytest.approx(whole[-1, 0] - 1.0, abs=1e-3)
     assert Zoom().result().size == 0
