@@ -419,12 +419,14 @@ def _learning_arguments(parser: argparse.ArgumentParser) -> None:
     add_common(parser)
 
 
-def _learning_logs(args: argparse.Namespace) -> "list[Log]":
+def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
+    from observer_fi.command_recovery import with_command
     from observer_fi.ingest import load_columns, read_log
 
     columns = load_columns(args.columns) if args.columns else None
-    return [read_log(path, columns) for path in dict.fromkeys(args.logs)]
+    logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
+    return logs if rig.drive == "force" else [with_command(log, rig.model) for log in logs]
 
 
 def _identify(args: argparse.Namespace) -> int:
@@ -435,7 +437,7 @@ def _identify(args: argparse.Namespace) -> int:
     from observer_fi.output import write_folder
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
-    logs = _learning_logs(args)
+    logs = _learning_logs(args, rig)
     fit = identify(logs, rig)
     write_folder(args.out / name, identify_files(fit, rig, identified_rig(fit, rig), name, list(args.logs)))
     if args.json:
@@ -452,7 +454,7 @@ def _improve(args: argparse.Namespace) -> int:
     from observer_fi.output import write_folder
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
-    logs = _learning_logs(args)
+    logs = _learning_logs(args, rig)
     improved = _improve_force if rig.drive == "force" else _improve_servo
     result, files, headline = improved(logs, rig, name, args)
     write_folder(args.out / name, files)
@@ -465,11 +467,17 @@ def _improve(args: argparse.Namespace) -> int:
 
 def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
     """A rig with a servo: simulated moves against measured ones."""
-    from observer_fi.improve import improve, to_json
-    from observer_fi.learning_report import improve_files, improve_headline
+    from observer_fi.diagnosis_gain import worth
+    from observer_fi.improve import improve
+    from observer_fi.learning_report import improve_files, improve_headline, improve_json
+    from observer_fi.settings import Settings
 
-    record = improve(logs, rig, progress=_step(args))
-    return to_json(record), improve_files(record, name, list(args.logs)), improve_headline(record)
+    tell = _step(args)
+    record = improve(logs, rig, progress=tell)
+    tell("what diagnose gains")
+    gain = tuple(worth(logs, record.extended_rig, r, Settings()) for r in (rig, record.extended_rig))
+    files = improve_files(record, gain, name, list(args.logs))
+    return improve_json(record, gain), files, improve_headline(record)
 
 
 def _improve_force(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:

@@ -41,6 +41,15 @@ class _Level(NamedTuple):
     speed: float
 
 
+ABSENT = "speed_cmd_rad_s is absent"
+
+
+def with_command(log: Log, model: Model) -> Log:
+    """`log` as it is, or with its command recovered where it holds none."""
+    missing = not log.w_cmd.any() and any(note.startswith(ABSENT) for note in log.notes)
+    return recover_command(log, model) if missing else log
+
+
 def recover_command(log: Log, model: Model) -> Log:
     """`log` with `w_cmd` recovered, and a note that says so.
 
@@ -65,8 +74,8 @@ def recover_command(log: Log, model: Model) -> Log:
     levels = _with_rests(levels, command, known, log, model)
     w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
-    note = f"speed_cmd_rad_s is absent: recovered from voltage and current, {moves} starts"
-    notes = tuple(old for old in log.notes if not old.startswith("speed_cmd_rad_s is absent"))
+    note = f"{ABSENT}: recovered from voltage and current, {moves} starts"
+    notes = tuple(old for old in log.notes if not old.startswith(ABSENT))
     return replace(log, w_cmd=w_cmd, notes=(*notes, note))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from observer_fi import actuator as a
 from observer_fi import closed_forms as cf
 from observer_fi.actuator import PARAMETERS
-from observer_fi.command_recovery import recover_command
+from observer_fi.command_recovery import with_command
 from observer_fi.effects import CAUSES
 from observer_fi.errors import InvalidLogError
 from observer_fi.experiment import cut_moves
@@ -125,8 +125,7 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 
 
 def _material(log: Log, rig: Rig) -> Material:
-    if not log.w_cmd.any() and any(n.startswith("speed_cmd_rad_s is absent") for n in log.notes):
-        log = recover_command(log, rig.model)
+    log = with_command(log, rig.model)
     moves = cut_moves(log)
     return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from observer_fi import learning_figures
 from observer_fi.actuator import PARAMETERS
+from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
 from observer_fi.improve import Improvement, to_json
 from observer_fi.models import Rig, rig_toml
@@ -11,20 +12,28 @@ from observer_fi.records import Fit, Parameter
 from observer_fi.report import environment, json_text, number, versions
 
 
-def improve_files(record: Improvement, name: str, logs: list[str]) -> dict[str, str]:
-    """Everything that one improve report consists of, {file name: text}."""
+def improve_files(
+    record: Improvement, gain: tuple[Worth, Worth], name: str, logs: list[str]
+) -> dict[str, str]:
+    """Everything that one improve report consists of, {file name: text}. gain: `diagnose` with either rig."""
     drawn = learning_figures.of_improve(record)
     page = environment().get_template("improve.html")
     html = page.render(
-        record=record, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain, causes=CAUSES,
-        value=value, versions=versions(),
+        record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
+        causes=CAUSES, value=value, versions=versions(),
     )  # fmt: skip
     return {
-        "improve.json": json_text(to_json(record)),
+        "improve.json": json_text(improve_json(record, gain)),
         "report.html": html,
         "rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
     }
+
+
+def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:
+    """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
+    before, after = (g._asdict() for g in gain)
+    return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
 
 
 def improve_headline(record: Improvement) -> str:

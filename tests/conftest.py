@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-
 # The same examples each run, and no deadline: the first call of a kernel compiles it.
 settings.register_profile("observer_fi", derandomize=True, deadline=None)
 settings.load_profile("observer_fi")

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from test_fitting import campaign
 
+from observer_fi.diagnosis_gain import Worth
 from observer_fi.errors import UsageError
 from observer_fi.improve import Improvement, improve, to_json, whiteness
+from observer_fi.learning_report import improve_files
 from observer_fi.models import load_rig, with_values
 
 RIG = load_rig()
@@ -74,3 +76,13 @@ def test_other_drives_are_refused():
 
     with pytest.raises(UsageError, match="pi_servo"):
         improve([campaign()], replace(RIG, drive="force"))
+
+
+def test_the_report_tells_the_gain_of_diagnosis(sticky):
+    nothing = Worth(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
+    better = Worth(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
+    files = improve_files(sticky, (nothing, better), "sticky", ["sticky.csv"])
+    found = json.loads(files["improve.json"])["diagnosis"]
+    assert found["baseline"]["alarms"] == 8 and found["baseline"]["delay_s"]["overload"] is None
+    assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
+    assert "8 of 8" in files["report.html"] and "40.0 ms" in files["report.html"]
