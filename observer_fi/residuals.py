@@ -52,7 +52,8 @@ def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
     }
     sign = np.sign(states[:, s.W])
     curves = {
-        name: _curve(values, r * sign[:, None]) for name, values in regressors(experiment, states).items()
+        name: _curve(values, r if name.endswith("_angle") else r * sign[:, None])
+        for name, values in regressors(experiment, states).items()
     }
     curves["direction"] = _curve(sign, r)
     return Residuals(
