@@ -66,6 +66,7 @@ class Experiment:
     knots: tuple[tuple[Array, Array], ...]
     history: tuple[tuple[Array, Array], ...]
     accel: float
+    steps: int = 2
 
     @property
     def moves(self) -> int:
@@ -322,6 +323,7 @@ def run(
             p,
             starts[m],
             states[rows],
+            experiment.steps,
         )
         s.readings(t, states[rows], p, y[rows])
     return states, y

@@ -115,8 +115,9 @@ def fit(
     nuisance: Array | None = None,
     known: Mapping[str, Array] | None = None,
     iterations: int = _ITERATIONS,
+    worth: float = _DONE,
 ) -> FitResult:
-    """Gauss-Newton with step halving from `model` on.
+    """Gauss-Newton with step halving from `model` on, until a step gains less than `worth` [nats].
 
     known: columns (N, 3) of some parameters from an earlier fit near by; they are kept as they are, so that a
     candidate costs a simulation per iteration and per new parameter only.
@@ -147,7 +148,7 @@ def fit(
         gain = cost - new_cost if moved else 0.0
         if moved:
             model, nuisance, r, cost = trial, new_nuisance, new_r, new_cost
-        if gain < _DONE:
+        if gain < worth:
             converged = True
             if second_try:
                 break

@@ -27,7 +27,7 @@ from observer_fi.products import square
 from observer_fi.records import Array, Log, Segment
 from observer_fi.residuals import Residuals, residual_tables
 from observer_fi.stops import find_stops
-from observer_fi.unexplained import Smooth, rest_jumps, smooth_terms
+from observer_fi.unexplained import Smooth, rest_steps, slow_excess, smooth_terms
 
 SCHEMA = "observer-fi/improve/1"
 CHANNELS = ("voltage_v", "current_a", "position_m")
@@ -37,7 +37,12 @@ _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 _IMPERFECT = 2.0
 _SAMPLED = ("current_lag", "input_delay", "voltage_delay")
 _WHITE_LAGS = 20
+_STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
+_STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in the steps between moves
+_SLOW_SHARE = (
+    0.5  # of the dust that must be left in means over some milliseconds before smooth terms are tried
+)
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -109,7 +114,7 @@ def improve(
     """The whole of `improve` for logs of one rig. Raises UsageError for a rig that is not driven by its servo."""
     if rig.drive != "pi_servo":
         raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
-    experiment = prepare(logs, rig, moves)
+    experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
     model = find_stops(experiment, rig)
     naming = name_causes(experiment, rig, model, settings, progress)
     progress("what stays unexplained")
@@ -265,18 +270,22 @@ def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
     r = naming.extended.residuals
     n = int((experiment.weight > 0.0).sum())
     whole = max(0.5 * (square(r) - n), *(_raw_excess(experiment, r, c) for c in range(3)))
-    terms = smooth_terms(experiment, naming.extended, whole)
-    jumps = rest_jumps(experiment, 0.0)  # its share is that of the jumps themselves
-    if jumps is not None:
-        terms = sorted([*terms, jumps], key=lambda term: -term.held_out)
+    least = dust(experiment, excess(experiment, naming.baseline.residuals))
+    slow = slow_excess(experiment, r) > _SLOW_SHARE * least
+    terms = smooth_terms(experiment, naming.extended, whole) if slow else []
+    steps = rest_steps(experiment, naming.extended)  # their share is that of the steps themselves
+    terms = sorted([*terms, *steps], key=lambda term: -term.held_out)
+    if not terms:
+        return ()
     best = terms[0]
-    floor = dust(experiment, excess(experiment, naming.baseline.residuals))
-    price = 0.0 if best is jumps else 0.5 * best.at.size * math.log(n)
+    of_steps = any(best is term for term in steps)
+    floor = _STEP_NATS if of_steps else least
+    price = 0.0 if of_steps else 0.5 * best.at.size * math.log(n)
     if best.held_out < floor or best.gain < floor + price:
         return ()
     told: dict[tuple[str, str], Smooth] = {}
     for term in terms:
-        share = term.share if term is jumps else _share(experiment, r, term, whole)
+        share = term.share if any(term is step for step in steps) else _share(experiment, r, term, whole)
         if share >= _UNEXPLAINED_SHARE and term.held_out >= _AS_GOOD * best.held_out:
             told.setdefault((term.equation, term.regressor), replace(term, share=share))
     return tuple(told.values())

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from observer_fi.effects import CAUSES
+from observer_fi.experiment import prepare, whitened
+from observer_fi.fitting import nll_per_sample
 from observer_fi.improve import Improvement, improve
 from observer_fi.models import load_rig
 from observer_fi.records import Log
@@ -71,15 +73,12 @@ def case_of(row: dict[str, Any]) -> Case:
     return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"])
 
 
-def run_case(case: Case, frame: Any, truth: dict[str, Any]) -> dict[str, Any]:
-    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors."""
-    log = Log(
-        f"case-{case.seed}",
-        frame["time_s"].to_numpy(),
-        frame[["voltage_v", "current_a", "position_m"]].to_numpy(),
-        frame["speed_cmd_rad_s"].to_numpy(),
-        frame["pitch_deg"].to_numpy(),
-    )
+def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[str, Any]:
+    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors.
+
+    frame, clean: the log with and without its noise.
+    """
+    log = _log(case, frame)
     began = time.perf_counter()
     record = improve([log], load_rig())
     sets = [[f.cause, *f.indistinguishable_from] for f in record.findings]
@@ -93,7 +92,7 @@ def run_case(case: Case, frame: Any, truth: dict[str, Any]) -> dict[str, Any]:
         "unexplained": smooth,
         "seconds": time.perf_counter() - began,
         "errors": _errors(record, truth),
-        "gain_share": _gain_share(record),
+        "gain_share": _gain_share(record, _log(case, clean)),
     }
     if not case.inside:
         effect = truth["effects"][0]
@@ -103,21 +102,25 @@ def run_case(case: Case, frame: Any, truth: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def _gain_share(record: Improvement) -> float | None:
-    """Gain on held-out moves over what a model with nothing but noise left would gain."""
+def _log(case: Case, frame: Any) -> Log:
+    return Log(
+        f"case-{case.seed}",
+        frame["time_s"].to_numpy(),
+        frame[["voltage_v", "current_a", "position_m"]].to_numpy(),
+        frame["speed_cmd_rad_s"].to_numpy(),
+        frame["pitch_deg"].to_numpy(),
+    )
+
+
+def _gain_share(record: Improvement, clean: Log) -> float | None:
+    """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
     if not record.findings:
         return None
-    floor = float(np.mean((record.experiment.weight > 0.0).sum(axis=1))) * 0.5
-    noise = np.log(record.experiment.noise * math.sqrt(2.0 * math.pi))
-    best = floor + float((record.experiment.weight > 0.0).mean(axis=0) @ noise)
-    # The place at rest is known to the noise over the root of its samples, for the true model as well.
-    best += 0.5 * float(np.mean(1.0 / record.experiment.moving))
-    possible = record.baseline.nll_per_sample - best
-    return (
-        (record.baseline.nll_per_sample - record.extended.nll_per_sample) / possible
-        if possible > 0.0
-        else None
-    )
+    experiment = record.experiment
+    noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
+    possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
+    won = record.baseline.nll_per_sample - record.extended.nll_per_sample
+    return won / possible if possible > 0.0 else None
 
 
 def _errors(record: Improvement, truth: dict[str, Any]) -> dict[str, float]:

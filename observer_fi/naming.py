@@ -29,6 +29,10 @@ _SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the perio
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
 _TICK_PHASE = Free("tick_phase", 1e-5, -2e-4, 2e-4, 0.0, 3e-5)
 _STOPS = {"C": 1.0, "E": 0.2}
+# A score is taken before a candidate's shape is fitted: shares of the dust, and of the best score, below which it is
+# not worth a refit.
+_PROMISING, _HOPELESS = 0.1, 0.03
+_BEHIND = 0.05  # of its score that a refit may miss
 _DUST = 0.003
 _DUST_NOISE = 0.07
 
@@ -51,7 +55,7 @@ class NamingSettings:
     rivals: int = 6
     rounds: int = 6
     margin: float = 10.0
-    smooth_factor: float = 1.3
+    smooth_factor: float = 1.15
     smooth_share: float = 0.6
     smooth_nats: float = 40.0
 
@@ -179,8 +183,8 @@ def _next(
     taken = {n.candidate.cause.name for n in named}
     causes = [name for name in causes_of(experiment, fitted.model) if name not in taken]
     candidates = screen(experiment, fitted, causes, reach)
-    rivals = _shortlist(candidates, settings)
-    tried = [(c, refit(experiment, fitted, c, reach)) for c in rivals]
+    rivals = _shortlist(candidates, _PROMISING * dust(experiment, most), settings)
+    tried = _refitted(experiment, fitted, rivals, reach)
     scored = sorted(
         ((fitted.objective - r.objective - _price(experiment, c, candidates), c, r) for c, r in tried),
         key=lambda item: -item[0],
@@ -210,6 +214,20 @@ def _next(
     return None, refused, tuple(candidates)
 
 
+def _refitted(
+    experiment: Experiment, fitted: FitResult, rivals: Sequence[Candidate], reach: dict[str, float]
+) -> list[tuple[Candidate, FitResult]]:
+    """Every rival refitted; one that stays behind its score, and might have won with it, is refitted exactly."""
+    tried = [(c, refit(experiment, fitted, c, reach)) for c in rivals]
+    best = min((r.objective for _, r in tried), default=math.inf)
+    return [
+        (c, refit(experiment, fitted, c, reach, exact=True))
+        if fitted.objective - c.gain < min(best, r.objective - _BEHIND * c.gain)
+        else (c, r)
+        for c, r in tried
+    ]
+
+
 def _matters(
     experiment: Experiment, before: FitResult, after: FitResult, most: float, settings: NamingSettings
 ) -> bool:
@@ -236,7 +254,7 @@ def _smooth_is_better(
     """Whether one smooth term explains nearly all that is left where the named cause explains far less."""
     n = int((experiment.weight > 0.0).sum())
     left = 0.5 * (square(before.residuals) - n)
-    if gain > left and excess(experiment, after.residuals) == 0.0:
+    if settings.smooth_factor * gain > 1.1 * left:
         return False
     best = smooth_terms(experiment, before, left)[0]
     more = best.held_out - gain
@@ -255,12 +273,13 @@ def _price(experiment: Experiment, candidate: Candidate, candidates: Sequence[Ca
     return penalty(experiment, len(candidate.variant.terms), max(len(candidates), 1))
 
 
-def _shortlist(candidates: Sequence[Candidate], settings: NamingSettings) -> list[Candidate]:
-    """The best two variants of the best causes."""
+def _shortlist(candidates: Sequence[Candidate], least: float, settings: NamingSettings) -> list[Candidate]:
+    """The best two variants of the best causes, of those whose score is not hopeless."""
+    least = max([least, *(_HOPELESS * c.gain for c in candidates[:1])])
     chosen: list[Candidate] = []
     causes: dict[str, int] = {}
     for c in candidates:
-        if c.gain <= 1.0:
+        if c.gain <= least:
             break
         count = causes.get(c.cause.name, 0)
         if count >= 2 or (count == 0 and len(causes) >= settings.rivals):

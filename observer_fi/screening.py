@@ -23,6 +23,7 @@ from observer_fi.records import Array
 
 _SHAPE_STEP = 0.03  # relative step of a shape
 _REFIT_ITERATIONS = 10
+_REFIT_WORTH = 0.5  # nats: rivals differ by more, and the one that wins is fitted exactly
 
 
 @dataclass(frozen=True)
@@ -127,11 +128,12 @@ class Projector:
         for m in range(experiment.moves):
             rows = experiment.rows(m)
             self._bases.append(orthonormal(around[:, rows].reshape(2, -1)))
-        unit = scales(fitted.free)
-        prior = np.array([u / f.prior_std for u, f in zip(unit, fitted.free, strict=True)])
+        inner = [k for k, f in enumerate(fitted.free) if f.low < fitted.model[f.name] < f.high]
+        free = [fitted.free[k] for k in inner]  # what is at a bound cannot make room for a candidate
+        prior = scales(free) / np.array([f.prior_std for f in free])
         self.r = self._clean(fitted.residuals)
-        G = np.array([self._clean(column) for column in fitted.columns])
-        pull = np.array([(f.prior - fitted.model[f.name]) / f.prior_std for f in fitted.free])
+        G = np.array([self._clean(column) for column in fitted.columns[inner]])
+        pull = np.array([(f.prior - fitted.model[f.name]) / f.prior_std for f in free])
         self.basis = orthonormal(np.hstack([G, np.diag(prior)]))
         self.r = np.concatenate([self.r, pull])
         less(self.r, along(self.basis, self.r), self.basis)
@@ -204,8 +206,10 @@ def refit(
     extra = free_of(candidate.variant, reach)
     names = {f.name for f in extra}
     free = (*(f for f in fitted.free if f.name not in names), *extra)
-    known = None if exact else {f.name: column for f, column in zip(fitted.free, fitted.columns, strict=True)}
-    return fit(experiment, model, free, fitted.nuisance, known, 30 if exact else _REFIT_ITERATIONS)
+    if exact:
+        return fit(experiment, model, free, fitted.nuisance, iterations=30)
+    known = {f.name: column for f, column in zip(fitted.free, fitted.columns, strict=True)}
+    return fit(experiment, model, free, fitted.nuisance, known, _REFIT_ITERATIONS, _REFIT_WORTH)
 
 
 def _inside(variant: Variant, values: dict[str, float]) -> dict[str, float]:

@@ -147,13 +147,13 @@ def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
 
 
 @compiled
-def run(t, commands, late, fine, theta, p, start, out):
+def run(t, commands, late, fine, theta, p, start, out, steps=2):
     """States at every sample time, open loop from `start`.
 
     t: (n,) s. commands, late: (n, 4) the command, and the command as the proportional path sees it, at the quarters
-    of the interval from each sample on [rad/s]. fine: (n,) whether that interval needs two steps. theta: (n,) deg.
-    p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 12), the states, the motor
-    current, and the terminal voltage at the quarters of the interval where something asks for it.
+    of the interval from each sample on [rad/s]. fine: (n,) whether that interval needs `steps` steps, a multiple of
+    four or two. theta: (n,) deg. p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 12), the
+    states, the motor current, and the terminal voltage at the quarters of the interval where something asks for it.
     """
     n = t.size
     w, I, x, phi = start[0], start[1], start[2], start[3]
@@ -170,41 +170,21 @@ def run(t, commands, late, fine, theta, p, start, out):
             break
         dt = t[j + 1] - t[j]
         end, late_end = commands[j + 1, 0], late[j + 1, 0]
-        if extended and (p[a.CURRENT_LAG] > 0.0 or p[a.VOLTAGE_DELAY] != 0.0):
-            pieces = 4
-            if p[a.CURRENT_LAG] > 0.0:
-                pieces = min(4 * math.ceil(dt / (4.0 * _LAG_STEP * p[a.CURRENT_LAG])), _MOST_PIECES)
-            c0, l0 = commands[j, 0], late[j, 0]
-            for m in range(pieces):
-                c1 = _within(commands, j, end, (m + 0.5) / pieces)
-                c2 = _within(commands, j, end, (m + 1.0) / pieces)
-                l1 = _within(late, j, late_end, (m + 0.5) / pieces)
-                l2 = _within(late, j, late_end, (m + 1.0) / pieces)
-                w, I, x, phi, c = _advance(
-                    w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
-                )
-                c0, l0 = c2, l2
-                if 4 * (m + 1) % pieces == 0 and m + 1 < pieces:
-                    torque = a.applied_torque(
-                        math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p
-                    )
-                    i = _drive_current(w, I, c, h, low, l0, torque, w != 0.0, p)
-                    out[j, BETWEEN + 4 * (m + 1) // pieces - 1] = a.terminal_voltage(i, w, h, p)
-        elif fine[j]:
-            u = 0.5 * dt
+        pieces = _pieces(dt, steps if fine[j] else 1, p)
+        c0, l0 = commands[j, 0], late[j, 0]
+        for m in range(pieces):
+            c1 = _within(commands, j, end, (m + 0.5) / pieces)
+            c2 = _within(commands, j, end, (m + 1.0) / pieces)
+            l1 = _within(late, j, late_end, (m + 0.5) / pieces)
+            l2 = _within(late, j, late_end, (m + 1.0) / pieces)
             w, I, x, phi, c = _advance(
-                w, I, x, phi, h, low, c, u, commands[j, 0], commands[j, 1], commands[j, 2],
-                late[j, 0], late[j, 1], late[j, 2], theta[j], p,
-            )  # fmt: skip
-            w, I, x, phi, c = _advance(
-                w, I, x, phi, h, low, c, u, commands[j, 2], commands[j, 3], end,
-                late[j, 2], late[j, 3], late_end, theta[j], p,
-            )  # fmt: skip
-        else:
-            w, I, x, phi, c = _advance(
-                w, I, x, phi, h, low, c, dt, commands[j, 0], commands[j, 2], end,
-                late[j, 0], late[j, 2], late_end, theta[j], p,
-            )  # fmt: skip
+                w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
+            )
+            c0, l0 = c2, l2
+            if extended and p[a.VOLTAGE_DELAY] != 0.0 and 4 * (m + 1) % pieces == 0 and m + 1 < pieces:
+                torque = a.applied_torque(math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
+                i = _drive_current(w, I, c, h, low, l0, torque, w != 0.0, p)
+                out[j, BETWEEN + 4 * (m + 1) // pieces - 1] = a.terminal_voltage(i, w, h, p)
         if extended:
             I = min(max(I, -p[a.INTEGRATOR_LIMIT]), p[a.INTEGRATOR_LIMIT])
             h += dt * a.heating(i, h, p)
@@ -215,12 +195,25 @@ def run(t, commands, late, fine, theta, p, start, out):
 
 
 @inlined
+def _pieces(dt, steps, p):
+    """Integration steps of one sampling interval: no fewer than a lag needs, or the quarters of a delayed voltage."""
+    if p[a.EXTENDED] == 0.0:
+        return steps
+    if p[a.CURRENT_LAG] > 0.0:
+        return max(steps, min(4 * math.ceil(dt / (4.0 * _LAG_STEP * p[a.CURRENT_LAG])), _MOST_PIECES))
+    if p[a.VOLTAGE_DELAY] != 0.0:
+        return max(steps, 4)
+    return steps
+
+
+@inlined
 def _within(commands, j, end, share):
-    """Command at a share of the interval from sample j on, linear between its quarters [rad/s]."""
-    at = 4.0 * share
-    k = min(int(at), 3)
-    right = commands[j, k + 1] if k < 3 else end
-    return commands[j, k] + (at - k) * (right - commands[j, k])
+    """Command at a share of the interval from sample j on: a parabola over each half, exact in its integral [rad/s]."""
+    k = 0 if share < 0.5 else 2
+    u = 2.0 * share - 0.5 * k
+    left, middle = commands[j, k], commands[j, k + 1]
+    right = commands[j, 2] if k == 0 else end
+    return left + u * (4.0 * middle - 3.0 * left - right + 2.0 * u * (left - 2.0 * middle + right))
 
 
 @compiled

@@ -23,9 +23,9 @@ KNOTS = 9
 _LEVELS = 6
 _RIDGE = 1e-6
 _SETTLING_S = (1.5, 5.0, 20.0)
-_REST_S = 0.05
-_REST_CURRENT = 2e-3  # A: a rest whose current changed by more has slipped,
-_SLIPPED_M = 4e-6  # by a few motor radians
+_BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
+_FEWEST_STEPS = 4  # between moves
+_STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
 _FREQUENCIES = np.arange(0.1, 6.0, 0.02)
 EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
 
@@ -260,33 +260,62 @@ def _judge(
     return Smooth(equation, regressor, directed, gain, held_out, min(max(share, 0.0), 1.0), at, curve, band)
 
 
-def rest_jumps(experiment: Experiment, excess: float) -> Smooth | None:
-    """Position readings that jump with the pitch while the mass rests: the slope between one move and the next.
+def slow_excess(experiment: Experiment, r: Array) -> float:
+    """Misfit over the noise [nats] of means over blocks of the residuals: what any smooth term could hope to gain."""
+    total = 0.0
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        count = (rows.stop - rows.start) // _BLOCK
+        part = slice(rows.start, rows.start + count * _BLOCK)
+        seen = (experiment.weight[part] > 0.0).reshape(count, _BLOCK, 3).sum(axis=1)
+        means = r[part].reshape(count, _BLOCK, 3).sum(axis=1) / np.sqrt(np.maximum(seen, 1))
+        total += 0.5 * float(np.sum(means**2 - (seen > 0)))
+    return total
 
-    None where no rest sees the pitch change. held_out is the gain of the slope, unexplained by any model.
+
+def rest_steps(experiment: Experiment, fitted: FitResult) -> list[Smooth]:
+    """Steps of the shown position between the end of one move and the start of the next, where the mass rests.
+
+    One move's own rest position hides a sensor that drifts or tilts; the steps between the moves show it. Each move
+    tells its offset to a thirtieth of the noise. A rest that slips turns the motor by di/Ki, 0.1 um of x at most.
     """
-    rows = []
-    for m in range(1, experiment.moves):
-        if experiment.log[m] != experiment.log[m - 1]:
-            continue
-        last, first = experiment.rows(m - 1), experiment.rows(m)
-        t = experiment.t[last]
-        end = slice(last.start + int(np.searchsorted(t, t[-1] - _REST_S)), last.stop)
-        seen = experiment.weight[end, 1:] > 0.0
-        if not seen.all():
-            continue
-        i0, x0 = experiment.z[end, 1:].mean(axis=0)
-        i1, x1 = experiment.rest[m]
-        std = experiment.noise[2] * math.sqrt(1.0 / (end.stop - end.start) + 1.0 / experiment.moving[m])
-        std = math.hypot(std, _SLIPPED_M if abs(i1 - i0) > _REST_CURRENT else 0.0)
-        tilt = experiment.theta[first.start] - experiment.theta[end.start]
-        rows.append((tilt / std, (x1 - x0) / std))
-    a_, b_ = np.array(rows).reshape(-1, 2).T
-    if not a_.any():
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    pairs = np.flatnonzero(np.diff(experiment.log) == 0)
+    if pairs.size < _FEWEST_STEPS:
+        return []
+    size = np.diff(experiment.bounds)
+    std = _STEP_DOUBT * experiment.noise[2] * np.sqrt(1.0 / size[pairs] + 1.0 / size[pairs + 1])
+    first, last = experiment.bounds[:-1], experiment.bounds[1:] - 1
+    step = (states[first[pairs + 1], s.MASS] - states[last[pairs], s.MASS]) / std
+    middle = 0.5 * (experiment.t[first] + experiment.t[last])
+    found = [_stepped("pitch", experiment.pitch, pairs, step, std)]
+    found += [_stepped("time", np.exp(-middle / tau), pairs, step, std) for tau in _SETTLING_S]
+    return [term for term in found if term is not None]
+
+
+def _stepped(
+    regressor: str, shape: Array, pairs: NDArray[np.int64], step: Array, std: Array
+) -> Smooth | None:
+    """The position error `slope` times a shape (M,), and how well it predicts each step from the others."""
+    u = (shape[pairs + 1] - shape[pairs]) / std
+    power = float(u @ u)
+    if power == 0.0:
         return None
-    slope = float(a_ @ b_ / (a_ @ a_))
-    gain = 0.5 * slope * float(a_ @ b_)
-    at = np.array([experiment.theta.min(), experiment.theta.max()])
-    band = np.abs(at) / math.sqrt(float(a_ @ a_))
-    share = min(gain / max(excess, gain), 1.0)
-    return Smooth("sensor:position", "pitch", False, gain, gain, share, at, slope * at, band)
+    slope = float(u @ step) / power
+    left_out = (step - slope * u) / np.maximum(1.0 - u * u / power, 1e-3)
+    whole = 0.5 * float(step @ step)
+    held_out = whole - 0.5 * float(left_out @ left_out)
+    at = np.array([shape.min(), shape.max()])
+    share = min(max(held_out / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+    gain = 0.5 * slope**2 * power
+    return Smooth(
+        "sensor:position",
+        regressor,
+        False,
+        gain,
+        held_out,
+        share,
+        at,
+        slope * at,
+        np.abs(at) / math.sqrt(power),
+    )

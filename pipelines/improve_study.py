@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -66,8 +67,12 @@ def _cases(options: argparse.Namespace) -> list[Case]:
 def _run(case: Case) -> dict:
     import hidden
 
-    frame, truth = hidden.make_log(hidden.draw_effects_case(case.seed, case.causes, case.size), case.seed)
-    return run_case(case, frame, truth)
+    spec = hidden.draw_effects_case(case.seed, case.causes, case.size)
+    if case.causes == ("gravity_nonlinearity",):
+        spec = replace(spec, profile=hidden.campaign())  # three pitches cannot tell it from another B
+    frame, truth = hidden.make_log(spec, case.seed)
+    clean, _ = hidden.make_log(hidden.without_noise(spec), case.seed)
+    return run_case(case, frame, clean, truth)
 
 
 def _rows(path: Path) -> list[dict]:

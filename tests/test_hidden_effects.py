@@ -9,8 +9,10 @@ SEED = 4100  # a development seed: the committed report uses others
 
 
 def hide(causes: tuple[str, ...], size: float, seed: int = SEED) -> dict:
-    frame, truth = hidden.make_log(hidden.draw_effects_case(seed, causes, size), seed)
-    return run_case(Case(causes, size, seed, all(c in hidden.CAUSES for c in causes)), frame, truth)
+    spec = hidden.draw_effects_case(seed, causes, size)
+    frame, truth = hidden.make_log(spec, seed)
+    clean, _ = hidden.make_log(hidden.without_noise(spec), seed)
+    return run_case(Case(causes, size, seed, all(c in hidden.CAUSES for c in causes)), frame, clean, truth)
 
 
 @pytest.mark.parametrize(
