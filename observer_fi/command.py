@@ -27,36 +27,3 @@ def corners(t: Array, w_cmd: Array, accel: float) -> tuple[Array, Array]:
     knots = np.concatenate((t, at))
     order = np.argsort(knots, kind="stable")
     return knots[order], np.concatenate((w_cmd, value))[order]
-
-
-def at_half_steps(t: Array, knots: Array, values: Array, substeps: int, delay: float = 0.0) -> Array:
-    """Command at the 2 m half-steps from every sample on, (n, 2 m) rad/s, `delay` seconds late.
-
-    Middles are set so that Simpson's rule over the step gives the exact integral of the piecewise linear command.
-    """
-    n = t.size
-    dt = np.append(np.diff(t), 0.0)
-    grid = (t[:, None] + dt[:, None] * np.arange(2 * substeps) / (2 * substeps)).ravel() - delay
-    w = np.interp(grid, knots, values)
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(knots))))
-    edges = grid[::2]
-    j = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, knots.size - 1)
-    area = integral[j] + 0.5 * (values[j] + w[::2]) * (edges - knots[j])
-    h, mean = np.diff(edges), np.diff(area)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        middle = 0.25 * (6.0 * mean / h - w[:-2:2] - w[2::2])
-    w[1:-1:2] = np.where(h > 0.0, middle, w[1:-1:2])
-    return w.reshape(n, 2 * substeps)
-
-
-def slewed(t: Array, w_cmd: Array, accel: float) -> Array:
-    """The command as a servo follows it that cannot accelerate faster than `accel` [rad/s^2]; same shape."""
-    out = np.empty_like(w_cmd)
-    out[0] = w_cmd[0]
-    for k in range(1, t.size):
-        step = accel * (t[k] - t[k - 1])
-        out[k] = out[k - 1] + np.clip(w_cmd[k] - out[k - 1], -step, step)
-    return out
-
-
-# TODO restore class CommandStream(model, substep_s).intervals(t, w_cmd) here: it was lost in a simultaneous edit.

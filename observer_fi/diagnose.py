@@ -17,7 +17,9 @@ from observer_fi.isolate import EventTracker, Isolator, Run, label_of, tested
 from observer_fi.mixture import Mixture
 from observer_fi.models import Rig
 from observer_fi.onset import onset_in
+from observer_fi.plausibility import suspect_units
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
+from observer_fi.segment import log_segments
 from observer_fi.settings import Settings
 
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
@@ -119,7 +121,8 @@ class Diagnosis:
         self.overview, self.zoom = sketch.Overview(), Zoom()
         self.baseline = Baseline(rig, settings)
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
-        self.path, self.first_row = "", 0
+        self.path = ""
+        self.suspects: tuple[str, ...] | None = None
 
     def add_all(self, logs: Iterable[Log]) -> None:
         """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
@@ -149,6 +152,8 @@ class Diagnosis:
         if not self.samples:
             self.first, self.rate = float(log.t[0]), log.rate_hz
         self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
+        if self.suspects is None and log.w_cmd.any():
+            self.suspects = suspect_units(log, log_segments(log), self.rig.model)
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         for tracker in self.isolator.add(estimate):
@@ -214,6 +219,7 @@ class Diagnosis:
         )
         isolation = Isolation(verdict, events, found.consistency)
         empty = np.empty(0)
+        facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
         m = len(self.isolator.modes)
         mixture = self.baseline.traces()

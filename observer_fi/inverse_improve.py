@@ -76,17 +76,6 @@ def whiteness(residual: Array, lags: int = 20) -> float:
     return float(chi2.sf(statistic, lags))
 
 
-def improve_force(
-    logs: Sequence[Log],
-    rig: Rig,
-    settings: InverseSettings | None = None,
-    progress: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
-    """`improve.json` of contract section 4 for logs of a rig driven by force. rmse and likelihood are of held-out parts."""
-    check_force_rig(rig)
-    return to_json(name_causes(rig, [prepare(log, settings) for log in logs], progress=progress))
-
-
 def refitted(ladder: Ladder) -> tuple[Parameter, ...]:
     """Parameters that only moved: of the final model those that no finding speaks of."""
     named = {p.name for finding in findings(ladder) for p in finding.parameters}

@@ -68,7 +68,6 @@ class EventTracker:
         self.start_s = self.end_s = start_s
         self.certain: dict[int, Run] = {}
         self.latched: dict[int, Run] = {}
-        self.last_nominal = start_s
         self.doubted = np.nan
         self.final: Array | None = None
         self.ratios = np.empty(0)

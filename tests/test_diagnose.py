@@ -234,6 +234,15 @@ def test_what_passes_does_not_condemn_the_move() -> None:
     assert said.count("nominal") >= 8
 
 
+def test_a_wrong_unit_is_noted() -> None:
+    """Current in mA under a header that says A: the verdict cannot say it as clearly as a note."""
+    frame, _ = frame_of(3, "nominal")
+    frame["current_a"] *= 1e3
+    outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
+    assert any("is it in mA?" in note for note in outcome.log.notes)
+    assert not diagnose_log(move(3, "nominal"), RIG, SETTINGS).log.notes
+
+
 # --- a servo that nobody knows -------------------------------------------------------------------
 
 

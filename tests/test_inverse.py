@@ -19,7 +19,7 @@ from observer_fi.inverse import (
 )
 from observer_fi.inverse_checks import predict, tune
 from observer_fi.inverse_columns import TERMS, Columns
-from observer_fi.inverse_improve import extended, findings, improve_force, to_json
+from observer_fi.inverse_improve import extended, findings, to_json
 from observer_fi.inverse_motion import low_passed, prepare, sensor_noise
 from observer_fi.inverse_naming import name_causes
 from observer_fi.inverse_report import improve_files, improve_headline
@@ -277,7 +277,7 @@ def test_extended_rig_is_complete_and_needs_nothing_more(tmp_path):
 
 
 def test_json_has_the_shape_of_the_contract():
-    result = improve_force([log(Truth(DRAG, DRAG))], rig())
+    result = to_json(name_causes(rig(), [prepare(log(Truth(DRAG, DRAG)))]))
     assert list(result) == ["schema", "baseline", "refit", "findings", "unexplained", "extended"]
     assert result["schema"] == "observer-fi/improve/1"
     for part in ("baseline", "extended"):
@@ -297,7 +297,7 @@ def test_json_has_the_shape_of_the_contract():
 def test_the_same_logs_give_the_same_result():
     logs: list[Log] = [log(Truth(DRAG, 210.0))]
     ladder = name_causes(rig(), [prepare(logs[0])])
-    assert to_json(ladder) == improve_force(logs, rig())
+    assert to_json(ladder) == to_json(name_causes(rig(), [prepare(one) for one in logs]))
 
 
 def test_files_of_the_command():
