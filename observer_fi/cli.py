@@ -470,13 +470,15 @@ def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
     from observer_fi.diagnosis_gain import worth
     from observer_fi.improve import improve
     from observer_fi.learning_report import improve_files, improve_headline, improve_json
+    from observer_fi.segment import excitation, log_segments
     from observer_fi.settings import Settings
 
     tell = _step(args)
     record = improve(logs, rig, progress=tell)
     tell("what diagnose gains")
     gain = tuple(worth(logs, record.extended_rig, r, Settings()) for r in (rig, record.extended_rig))
-    files = improve_files(record, gain, name, list(args.logs))
+    shown = [excitation(log, log_segments(log), rig.model) for log in logs]
+    files = improve_files(record, gain, shown, name, list(args.logs))
     return improve_json(record, gain), files, improve_headline(record)
 
 

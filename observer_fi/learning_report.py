@@ -1,5 +1,6 @@
 """Reports of `identify` and `improve`: the records printed, nothing computed."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from observer_fi import learning_figures
@@ -10,17 +11,21 @@ from observer_fi.improve import Improvement, to_json
 from observer_fi.models import Rig, rig_toml
 from observer_fi.records import Fit, Parameter
 from observer_fi.report import environment, json_text, number, versions
+from observer_fi.segment import Excitation
 
 
 def improve_files(
-    record: Improvement, gain: tuple[Worth, Worth], name: str, logs: list[str]
+    record: Improvement, gain: tuple[Worth, Worth], shown: Sequence[Excitation], name: str, logs: list[str]
 ) -> dict[str, str]:
-    """Everything that one improve report consists of, {file name: text}. gain: `diagnose` with either rig."""
+    """Everything that one improve report consists of, {file name: text}.
+
+    gain: `diagnose` with either rig. shown: what each log holds.
+    """
     drawn = learning_figures.of_improve(record)
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
-        causes=CAUSES, value=value, versions=versions(),
+        causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
@@ -34,6 +39,16 @@ def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, An
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
     before, after = (g._asdict() for g in gain)
     return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
+
+
+def held(shown: Excitation) -> str:
+    """What a log holds, in a sentence."""
+    ways = {(1,): "forward only", (-1,): "backward only"}.get(shown.directions, "both directions")
+    speeds = ", ".join(f"{speed:.0f}" for speed in shown.speeds)
+    pitches = ", ".join(f"{round(pitch, 1) + 0.0:g}" for pitch in shown.pitches)
+    seconds = ", ".join(f"{s:.2g} s {phase}" for phase, s in shown.seconds.items() if s > 0.0)
+    turns = f", {shown.reversals} reversals without a rest" if shown.reversals else ""
+    return f"{shown.moves} moves, {ways}{turns}; speeds {speeds} rad/s; pitch {pitches} deg; {seconds}"
 
 
 def improve_headline(record: Improvement) -> str:

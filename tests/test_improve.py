@@ -11,6 +11,7 @@ from observer_fi.errors import UsageError
 from observer_fi.improve import Improvement, improve, to_json, whiteness
 from observer_fi.learning_report import improve_files
 from observer_fi.models import load_rig, with_values
+from observer_fi.segment import Excitation
 
 RIG = load_rig()
 
@@ -81,8 +82,13 @@ def test_other_drives_are_refused():
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
     nothing = Worth(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
     better = Worth(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
-    files = improve_files(sticky, (nothing, better), "sticky", ["sticky.csv"])
+    shown = Excitation(
+        8, (200.0, 410.0), (-1, 1), (-5.0, 0.0), 2, {"steady": 8.0, "saturation": 0.3, "rest": 0.0}
+    )
+    files = improve_files(sticky, (nothing, better), [shown], "sticky", ["sticky.csv"])
     found = json.loads(files["improve.json"])["diagnosis"]
     assert found["baseline"]["alarms"] == 8 and found["baseline"]["delay_s"]["overload"] is None
     assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
+    held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
+    assert held in files["report.html"]
     assert "8 of 8" in files["report.html"] and "40.0 ms" in files["report.html"]
