@@ -1,7 +1,7 @@
 """`improve` for a rig that is driven by force: the ladder of causes as findings, JSON and an extended rig."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.inverse import (
     Solution,
-    check_force_rig,
     extended_rig,
     held_out,
     parameters_of,
@@ -19,11 +18,11 @@ from observer_fi.inverse import (
     residual_on,
 )
 from observer_fi.inverse_columns import Columns
-from observer_fi.inverse_motion import InverseSettings, Motion, prepare
-from observer_fi.inverse_naming import Ladder, name_causes, nll
+from observer_fi.inverse_motion import Motion
+from observer_fi.inverse_naming import Ladder, nll
 from observer_fi.inverse_vocabulary import Candidate
 from observer_fi.models import Rig
-from observer_fi.records import Array, Finding, Log, Parameter
+from observer_fi.records import Array, Finding, Parameter
 
 
 def findings(ladder: Ladder) -> tuple[Finding, ...]:
