@@ -176,7 +176,7 @@ _TABLE = (
         "the small-pitch approximation of equation 7",
         (
             Variant("cubic", (Term("gravity_cubic", 1e-10),)),
-            Variant("cosine", (Term("gravity_cosine", 0.1),)),
+            Variant("cosine", (Term("gravity_cosine", 0.1, 0.0, 2.0),)),
         ),
         confused_with=("load_dependent_friction",),
         separate_by="moves at five pitches, as large as they get",

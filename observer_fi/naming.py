@@ -27,11 +27,12 @@ _PRIORS = {
 }  # fmt: skip
 _SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the period of a servo of 5 kHz or more
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
-_TICK_PHASE = Free("tick_phase", 1e-5, -2e-4, 2e-4, 0.0, 3e-5)
+_TICK_PHASE = Free("tick_phase", 1e-5, -1e-4, 1e-4, 0.0, 3e-5)
 _STOPS = {"C": 1.0, "E": 0.2}
 # A score is taken before a candidate's shape is fitted: shares of the dust, and of the best score, below which it is
 # not worth a refit.
 _PROMISING, _HOPELESS = 0.1, 0.03
+_EXACT = 2  # refits of a round that may be done anew, exactly
 _BEHIND = 0.05  # of its score that a refit may miss
 _DUST = 0.003
 _DUST_NOISE = 0.07
@@ -220,12 +221,11 @@ def _refitted(
     """Every rival refitted; one that stays behind its score, and might have won with it, is refitted exactly."""
     tried = [(c, refit(experiment, fitted, c, reach)) for c in rivals]
     best = min((r.objective for _, r in tried), default=math.inf)
-    return [
-        (c, refit(experiment, fitted, c, reach, exact=True))
-        if fitted.objective - c.gain < min(best, r.objective - _BEHIND * c.gain)
-        else (c, r)
-        for c, r in tried
-    ]
+    left = _EXACT
+    for k, (c, r) in enumerate(tried):
+        if left and fitted.objective - c.gain < min(best, r.objective - _BEHIND * c.gain):
+            tried[k], left = (c, refit(experiment, fitted, c, reach, exact=True)), left - 1
+    return tried
 
 
 def _matters(

@@ -2,7 +2,7 @@
 
     python pipelines/improve_study.py --first 30000 --out reports/improve.md
 
-Seeds below 8000 were seen while thresholds were set; the report uses seeds from 30000 on. A run that was interrupted
+Seeds below 9000 were seen while thresholds were set; the report uses seeds from 30000 on. A run that was interrupted
 goes on where it stopped.
 """
 
@@ -22,7 +22,7 @@ from observer_fi.improve_study import PAIRS, Case, case_of, run_case, summary  #
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--first", type=int, default=30000, help="first seed")
-    parser.add_argument("--sizes", default="3:2,1:1,10:1", help="sizes in units of the detectable one: seeds")
+    parser.add_argument("--sizes", default="3:2,10:1,1:1", help="sizes in units of the detectable one: seeds")
     parser.add_argument("--controls", type=int, default=40, help="seeds without any effect")
     parser.add_argument("--pairs", type=int, default=2, help="seeds for each pair of effects")
     parser.add_argument("--causes", default="", help="only these causes, separated by commas")
@@ -50,17 +50,16 @@ def _cases(options: argparse.Namespace) -> list[Case]:
 
     only = set(options.causes.split(",")) - {""}
     cases = []
-    for size, seeds in (item.split(":") for item in options.sizes.split(",")):
-        for cause in (*hidden.CAUSES, *hidden.OUTSIDE):
-            if not only or cause in only:
-                count = max(int(seeds), 2) if cause in hidden.OUTSIDE and float(size) > 1.0 else int(seeds)
-                cases += [
-                    Case((cause,), float(size), options.first + k, cause in hidden.CAUSES)
-                    for k in range(count)
-                ]
     if not only:
         cases += [Case((), 0.0, options.first + k, True) for k in range(options.controls)]
         cases += [Case(pair, 3.0, options.first + k, True) for pair in PAIRS for k in range(options.pairs)]
+    for size, seeds in (item.split(":") for item in options.sizes.split(",")):
+        for cause in (*hidden.CAUSES, *hidden.OUTSIDE):
+            if not only or cause in only:
+                twice = cause in hidden.OUTSIDE and float(size) > 1.0
+                count = max(int(seeds), 2) if twice else int(seeds)
+                inside = cause in hidden.CAUSES
+                cases += [Case((cause,), float(size), options.first + k, inside) for k in range(count)]
     return cases
 
 
