@@ -8,7 +8,7 @@ import pytest
 from observer_fi.command import corners
 from observer_fi.experiment import cut_moves, prepare, select, simulate
 from observer_fi.fitting import Free, fit, fit_logs, simulate_log, without_moves
-from observer_fi.models import Rig, load_rig, with_values
+from observer_fi.models import Rig, load_rig, override, with_values
 from observer_fi.records import Log
 from observer_fi.trapezoid import quarters
 
@@ -126,3 +126,26 @@ def test_an_acceleration_limit_makes_the_ramp_longer():
     q = quarters(t, knots, values, accel=3e4)
     reached = t[np.argmax(q[:, 0] >= 409.9)]
     assert reached == pytest.approx(0.05 + 410.0 / 3e4, abs=1.0 / 1600.0)
+
+
+def test_a_lag_behind_the_limit_is_told_from_one_before_it():
+    plant = with_values(RIG, {"current_lag": 5e-4, "lag_behind_limit": 1.0})
+    experiment = prepare([campaign(plant, seed=9)], RIG)
+    lag = Free("current_lag", 1e-5, 6e-5, 0.05)
+    fits = [
+        fit(
+            experiment,
+            override(RIG.model, "lag", current_lag=3e-4, lag_behind_limit=place),
+            [*parameters(*NAMES), lag],
+        )
+        for place in (0.0, 1.0)
+    ]
+    assert fits[1].objective < fits[0].objective - 100.0
+    assert fits[1].model["current_lag"] == pytest.approx(5e-4, abs=4.0 * fits[1].std["current_lag"])
+
+
+def test_more_steps_in_a_transient_change_little():
+    experiment = prepare([campaign(seed=10)], RIG)
+    still = np.zeros((experiment.moves, 2))
+    y = [simulate(replace(experiment, steps=n), RIG.model, still) for n in (2, 8, 32)]
+    assert np.abs((y[1] - y[2]) / NOISE).max() < 0.3 * np.abs((y[0] - y[2]) / NOISE).max()
