@@ -476,7 +476,8 @@ def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
     tell = _step(args)
     record = improve(logs, rig, progress=tell)
     tell("what diagnose gains")
-    gain = tuple(worth(logs, record.extended_rig, r, Settings()) for r in (rig, record.extended_rig))
+    best = record.extended_rig
+    gain = worth(logs, best, rig, Settings()), worth(logs, best, best, Settings())
     shown = [excitation(log, log_segments(log), rig.model) for log in logs]
     files = improve_files(record, gain, shown, name, list(args.logs))
     return improve_json(record, gain), files, improve_headline(record)

@@ -7,6 +7,7 @@ measured. Two numbers per move are free: the current that holds the mass at rest
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from scipy.signal import lfilter
 from observer_fi import actuator as a
 from observer_fi import simulate as s
 from observer_fi.command import corners
+from observer_fi.errors import InvalidLogError
 from observer_fi.models import Model, Rig
 from observer_fi.records import Array, Log, Segment
 from observer_fi.reversals import Doubt, doubt_of, less_doubt
@@ -130,7 +132,7 @@ def _white_std(second: Array) -> float:
 def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:
     """Moves of several logs as one experiment. moves: per log, by default from `cut_moves`.
 
-    A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises ValueError without moves.
+    A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
     """
     cut = [cut_moves(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
@@ -142,12 +144,14 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     ]
     parts = [part for part in every if part is not None]
     if not parts:
-        raise ValueError("no move with a commanded speed in these logs: nothing to fit")
+        raise InvalidLogError(
+            f"{logs[0].path}: no move that begins from a rest, nothing to fit; record moves, and the rest before each"
+        )
     rows = [p["t"].size for p in parts]
-    stacked = {
+    stacked: dict[str, Any] = {
         name: np.concatenate([p[name] for p in parts]) for name in ("t", "theta", "z", "weight", "fine")
     }
-    each = {
+    each: dict[str, Any] = {
         name: np.array([p[name] for p in parts])
         for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
     }

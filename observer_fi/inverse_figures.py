@@ -93,7 +93,8 @@ def _curves(ladder: Ladder) -> str:
 
 def _binned(at: Array, y: Array) -> tuple[Array, Array]:
     """Centres and means of the bins that hold 20 samples or more."""
-    edges = np.linspace(*np.quantile(at, [0.002, 0.998]), BINS + 1)
+    low, high = (float(q) for q in np.quantile(at, [0.002, 0.998]))
+    edges = np.linspace(low, high, BINS + 1)
     k = np.digitize(at, edges)
     good = [b for b in range(1, BINS + 1) if (k == b).sum() >= 20]
     return np.array([at[k == b].mean() for b in good]), np.array([y[k == b].mean() for b in good])

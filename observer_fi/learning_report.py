@@ -43,7 +43,8 @@ def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, An
 
 def held(shown: Excitation) -> str:
     """What a log holds, in a sentence."""
-    ways = {(1,): "forward only", (-1,): "backward only"}.get(shown.directions, "both directions")
+    one_way = "forward only" if 1 in shown.directions else "backward only"
+    ways = one_way if len(shown.directions) == 1 else "both directions"
     speeds = ", ".join(f"{speed:.0f}" for speed in shown.speeds)
     pitches = ", ".join(f"{round(pitch, 1) + 0.0:g}" for pitch in shown.pitches)
     seconds = ", ".join(f"{s:.2g} s {phase}" for phase, s in shown.seconds.items() if s > 0.0)
