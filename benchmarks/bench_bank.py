@@ -4,37 +4,61 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import peers
 from results import micro, record, timed
 from sample_logs import moves_log
 
-from observer_fi import kernels
+from observer_fi import kernels, lanes
 from observer_fi.diagnose import make_bank
+from observer_fi.experiment import prepare
+from observer_fi.fitting import residuals
+from observer_fi.hypotheses import Hypothesis, bank
 from observer_fi.live import Live, Row
 from observer_fi.models import load_rig
+from observer_fi.observers import FilterpyBank
 from observer_fi.records import Log
 from observer_fi.scenario import Fault
 from observer_fi.settings import BankSettings, Settings
 
 PLAIN = BankSettings(augment=False, unknown=False, sensors=False)
+RIG = load_rig()
+MOTION = tuple(replace(h, states=("w", "I", "x")) for h in bank(RIG, PLAIN))  # as the peers' three models
+PAIR = bank(RIG, BankSettings())[:2]
 THREE, WHOLE = "3 models x 3 states", "7 hypotheses: constants in doubt, none of these, sensor faults"
+LIKELIHOOD = "likelihood of nominal and overload over a log, constants in doubt"
+LANES = 16
 COLUMNS = (
     "bank", "what it does", "processor time a sample [us]", "times faster than filterpy EKF", "wall clock a sample [us]"
 )  # fmt: skip
 NOTES = (
-    "Simulated moves of 10 s at 1600 samples/s; slow banks on its first samples. The peers are what a straightforward user "
+    "Simulated moves of 60 s at 1600 samples/s; slow banks on the first samples. The peers are what a straightforward user "
     "writes: Heun steps in numpy, Jacobians by differences. Compilation is not counted."
 )
 
 
-def ours(settings: BankSettings, kind: str) -> Callable[[Log], object]:
+def ours(
+    settings: BankSettings, kind: str, hypotheses: tuple[Hypothesis, ...] | None = None
+) -> Callable[[Log], object]:
     """A compiled bank over a log."""
-    return lambda log: kernels.Bank(load_rig(), settings, filter_kind=kind).advance(log)
+    return lambda log: kernels.Bank(RIG, settings, hypotheses, filter_kind=kind).advance(log)
+
+
+def in_lanes(log: Log) -> object:
+    """The same log LANES times, each as a log of its own."""
+    return lanes.posteriors([log] * LANES, [MOTION] * LANES, RIG, PLAIN)
+
+
+def output_error(log: Log) -> Callable[[Log], object]:
+    """One pass of the likelihood that `identify` climbs: the moves of a log run open loop, against the data."""
+    moves = prepare([log], RIG)
+    still = np.zeros((moves.moves, 2))
+    return lambda _: residuals(moves, RIG.model, still)
 
 
 def one_by_one(log: Log) -> None:
     """Sample by sample, verdict included, as `watch` does it."""
-    live = Live(load_rig(), Settings())
+    live = Live(RIG, Settings())
     for values in zip(log.t, *log.z.T, log.pitch, log.w_cmd, strict=True):
         for _ in live.add([Row(*map(float, values))]):
             pass
@@ -42,7 +66,12 @@ def one_by_one(log: Log) -> None:
 
 def oracle(log: Log) -> None:
     """The engine on filterpy."""
-    make_bank(load_rig(), Settings(bank=PLAIN), "filterpy", "ekf").advance(log)
+    make_bank(RIG, Settings(bank=PLAIN), "filterpy", "ekf").advance(log)
+
+
+def oracle_likelihood(log: Log) -> None:
+    """Two hypotheses through filterpy."""
+    FilterpyBank(RIG, BankSettings(), PAIR).advance(log)
 
 
 BANKS: tuple[tuple[str, str, Callable[[], Callable[[Log], object]], int, int], ...] = (
@@ -51,9 +80,17 @@ BANKS: tuple[tuple[str, str, Callable[[], Callable[[Log], object]], int, int], .
     ("Stone Soup EKF", f"{THREE}, no mixing", lambda: peers.stonesoup_ekf, 800, 3),
     ("progpy UKF", "1 model x 3 states", lambda: peers.progpy_ukf, 400, 3),
     ("dynamax EKF", f"{THREE}, no mixing; compiled, 64 bit", peers.dynamax_ekf, 16000, 5),
-    ("ours, EKF", THREE, lambda: ours(PLAIN, "ekf"), 16000, 15),
-    ("ours, UKF", THREE, lambda: ours(PLAIN, "ukf"), 16000, 9),
-    ("ours, EKF, default bank", WHOLE, lambda: ours(BankSettings(), "ekf"), 16000, 9),
+    ("ours, EKF", THREE, lambda: ours(PLAIN, "ekf", MOTION), 96000, 15),
+    (
+        "ours, EKF, an indentation in the overload",
+        "3 models x 3, 4 and 3 states",
+        lambda: ours(PLAIN, "ekf"),
+        96000,
+        15,
+    ),
+    ("ours, UKF", THREE, lambda: ours(PLAIN, "ukf", MOTION), 16000, 9),
+    (f"ours, EKF, {LANES} logs in lanes", f"{THREE}, a sample of one log", lambda: in_lanes, 16000, 9),
+    ("ours, EKF, default bank", WHOLE, lambda: ours(BankSettings(), "ekf"), 96000, 9),
     ("ours, UKF, default bank", WHOLE, lambda: ours(BankSettings(), "ukf"), 16000, 5),
     (
         "ours, default bank and verdict, one sample at a time",
@@ -63,12 +100,14 @@ BANKS: tuple[tuple[str, str, Callable[[], Callable[[Log], object]], int, int], .
         3,
     ),
     ("ours, --engine filterpy", f"{THREE}, the oracle", lambda: oracle, 800, 3),
+    ("ours, prediction error", f"{LIKELIHOOD}, 20 s", lambda: ours(BankSettings(), "ekf", PAIR), 32000, 9),
+    ("the same through filterpy", f"{LIKELIHOOD}, its first 2 s", lambda: oracle_likelihood, 3200, 3),
 )
 
 
 def main() -> int:
     """All banks on the same log, in this process."""
-    log = moves_log(10.0, Fault("coupling_loss", 7.0))
+    log = moves_log(60.0, Fault("coupling_loss", 49.0))
     rows: list[tuple[object, ...]] = []
     base = 0.0
     for name, what, make, samples, runs in BANKS:
@@ -81,9 +120,22 @@ def main() -> int:
         except ImportError as error:
             rows.append((name, what, "not installed", "", str(error)))
             continue
-        each = cost.cpu / samples
+        each = cost.cpu / samples / (LANES if make() is in_lanes else 1)
         base = base or each
-        rows.append((name, what, micro(each), f"{base / each:.3g}", micro(cost.wall / samples)))
+        rows.append((name, what, micro(each), f"{base / each:.3g}", micro(cost.wall / cost.cpu * each)))
+    campaign = moves_log(20.0)
+    step = output_error(campaign)
+    cost = timed(lambda: step(campaign), 9)
+    each = cost.cpu / campaign.t.size
+    rows.append(
+        (
+            "ours, output error",
+            "one pass of the likelihood of `identify`, a campaign of 20 s",
+            micro(each),
+            f"{base / each:.3g}",
+            micro(cost.wall / campaign.t.size),
+        )
+    )
     record("1 bank", "Filter banks on one log", COLUMNS, rows, NOTES)
     return 0
 

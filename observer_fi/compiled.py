@@ -19,6 +19,7 @@ _SOURCES = (
     "unscented.py",
     "feed.py",
     "kernels.py",
+    "lanes.py",
     "smoothing.py",
     "simulate.py",
     "mixture.py",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.compiled import uncounted
+from observer_fi.compiled import inlined, uncounted
 from observer_fi.models import Model
 from observer_fi.records import Array, Log
 
@@ -17,7 +17,7 @@ SETTLING = 8  # first samples that tell the sampling interval
 LAST_T, LAST_W, SLOPE, FIRST, COUNT = range(5)  # what a stream remembers besides the knots
 
 
-@uncounted
+@inlined
 def _value(knots, k, last, at):
     """Command at a time between knots k and k + 1; constant before the first knot and after the last."""
     if k == last or at <= knots[k, 0]:
@@ -26,17 +26,16 @@ def _value(knots, k, last, at):
     return knots[k, 1] + share * (knots[k + 1, 1] - knots[k, 1])
 
 
-@uncounted
-def _remember(knots, memory, t, w):
-    """Put a knot behind the others; the oldest makes room where there is none."""
-    first, count = int(memory[FIRST]), int(memory[COUNT])
+@inlined
+def _remember(knots, first, count, t, w):
+    """Put a knot behind the others; the oldest makes room where there is none. The first knot in use, and how many there are."""
     if count == knots.shape[0]:
         shift = max(first, 1)
         for k in range(shift, count):
             knots[k - shift, 0], knots[k - shift, 1] = knots[k, 0], knots[k, 1]
         first, count = first - min(first, shift), count - shift
     knots[count, 0], knots[count, 1] = t, w
-    memory[FIRST], memory[COUNT] = first, count + 1
+    return first, count + 1
 
 
 @uncounted
@@ -49,32 +48,32 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
     Middles are set so that Simpson's rule over the step gives the exact integral of the piecewise linear command.
     """
     steps = out.shape[1] // 2
+    before, was, slope = memory[LAST_T], memory[LAST_W], memory[SLOPE]
+    first, count = int(memory[FIRST]), int(memory[COUNT])
     for row in range(t.size):
         w = w_cmd[row] if w_cmd[row] == w_cmd[row] else 0.0
-        before, was = memory[LAST_T], memory[LAST_W]
         dt = t[row] - before
         if dt != dt:  # the first sample
             for q in range(2 * steps):
                 out[row, q] = w
             out_w[row] = w
-            memory[LAST_T], memory[LAST_W], memory[SLOPE] = t[row], w, 0.0
-            _remember(knots, memory, t[row], w)
+            before, was, slope = t[row], w, 0.0
+            first, count = _remember(knots, first, count, t[row], w)
             continue
         w = was + min(max(w - was, -limit * dt), limit * dt)
         dw = w - was
         ramp = abs(dw) / accel
         if abs(dw) > 1e-9 * accel * dt and ramp < 0.999 * dt:
-            if abs(memory[SLOPE]) > 0.5 * accel:
-                _remember(knots, memory, before + ramp, w)
+            if abs(slope) > 0.5 * accel:
+                first, count = _remember(knots, first, count, before + ramp, w)
             else:
-                _remember(knots, memory, t[row] - ramp, was)
-        _remember(knots, memory, t[row], w)
-        memory[LAST_T], memory[LAST_W], memory[SLOPE] = t[row], w, dw / dt
-        last = int(memory[COUNT]) - 1
-        k, left = int(memory[FIRST]), before - delay
-        while k < last and knots[k + 1, 0] <= left:
-            k += 1
-        memory[FIRST] = k
+                first, count = _remember(knots, first, count, t[row] - ramp, was)
+        first, count = _remember(knots, first, count, t[row], w)
+        left = before - delay
+        last = count - 1
+        while first < last and knots[first + 1, 0] <= left:
+            first += 1
+        k = first
         w_left = _value(knots, k, last, left)
         for m in range(steps):
             right = (before + dt * (m + 1) / steps if m + 1 < steps else t[row]) - delay
@@ -89,6 +88,9 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
             out[row, 2 * m + 1] = 0.25 * (6.0 * area / (right - left) - w_left - w_right)
             left, w_left = right, w_right
         out_w[row] = w_left
+        before, was, slope = t[row], w, dw / dt
+    memory[LAST_T], memory[LAST_W], memory[SLOPE] = before, was, slope
+    memory[FIRST], memory[COUNT] = first, count
 
 
 def usual_step(t: Array) -> float:

@@ -20,7 +20,7 @@ from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.rows import dot, get, load, put, store, zeros
+from observer_fi.rows import MOST, dot, exp, get, load, log, put, store, zeros
 from observer_fi.settings import BankSettings
 from observer_fi.unscented import UnscentedWork
 
@@ -31,6 +31,7 @@ START_ROWS, START_READINGS = (
 )  # samples looked at for the first readings of a channel, and how many count
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
 UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed
+ROOM = (0,) * MOST
 SKIPPED_S = 0.1  # of a gap in the clock that LogStream did not fill, this much is integrated
 
 
@@ -135,6 +136,12 @@ def _side(b):
 
 
 @inlined
+def _has_constants(j, b):
+    """Whether hypothesis j has states behind w, I, x. Where no hypothesis has, the compiler knows."""
+    return len(b.wide) > 0 and b.layout[j, tr.SIZE] > 3
+
+
+@inlined
 def _row(b, P, j, r):
     """Covariances of state r of hypothesis j with its constants."""
     return load(P, (j * _side(b) + r) * _side(b) + 3, b.wide)
@@ -172,6 +179,61 @@ def _set_core(b, P, j, p):
     put(P, at + 2 * side + 2, p[5])
 
 
+# The algebra of w, I, x, of numbers or of rows of them. A covariance is (ww, wI, wx, II, Ix, xx), F as in `motion_transition`.
+
+
+@inlined
+def through(f, p):
+    """F P, row by row."""
+    f00, f01, f02, f10, f11, f20, f21 = f
+    p00, p01, p02, p11, p12, p22 = p
+    return (
+        f00 * p00 + f01 * p01 + f02 * p02, f00 * p01 + f01 * p11 + f02 * p12, f00 * p02 + f01 * p12 + f02 * p22,
+        f10 * p00 + f11 * p01, f10 * p01 + f11 * p11, f10 * p02 + f11 * p12,
+        f20 * p00 + f21 * p01 + p02, f20 * p01 + f21 * p11 + p12, f20 * p02 + f21 * p12 + p22,
+    )  # fmt: skip
+
+
+@inlined
+def onto(f, t):
+    """T F' with T = F P."""
+    f00, f01, f02, f10, f11, f20, f21 = f
+    t00, t01, t02, t10, t11, t12, t20, t21, t22 = t
+    return (
+        f00 * t00 + f01 * t01 + f02 * t02, f00 * t10 + f01 * t11 + f02 * t12, f00 * t20 + f01 * t21 + f02 * t22,
+        f10 * t10 + f11 * t11, f10 * t20 + f11 * t21, f20 * t20 + f21 * t21 + t22,
+    )  # fmt: skip
+
+
+@inlined
+def with_source(total, weight, p, e):
+    """total + weight (P + e e'), a source of mixing with its mean e off."""
+    w0, w1, w2 = weight * e[0], weight * e[1], weight * e[2]
+    return (
+        total[0] + (weight * p[0] + w0 * e[0]), total[1] + (weight * p[1] + w0 * e[1]), total[2] + (weight * p[2] + w0 * e[2]),
+        total[3] + (weight * p[3] + w1 * e[1]), total[4] + (weight * p[4] + w1 * e[2]), total[5] + (weight * p[5] + w2 * e[2]),
+    )  # fmt: skip
+
+
+@inlined
+def shown(h, p):
+    """P h'."""
+    h0, h1, h2 = h
+    return (
+        h0 * p[0] + h1 * p[1] + h2 * p[2],
+        h0 * p[1] + h1 * p[3] + h2 * p[4],
+        h0 * p[2] + h1 * p[4] + h2 * p[5],
+    )
+
+
+@inlined
+def without(p, g, w):
+    """P - g w', where that is symmetric."""
+    return (
+        p[0] - g[0] * w[0], p[1] - g[0] * w[1], p[2] - g[0] * w[2], p[3] - g[1] * w[1], p[4] - g[1] * w[2], p[5] - g[2] * w[2]
+    )  # fmt: skip
+
+
 @inlined
 def _gather(j, i, n, b, x, P, in_x, in_P):
     """Source i in the states of target j, into rows i of in_x, in_P: for hypotheses that name their states in another order."""
@@ -191,51 +253,41 @@ def _mixed(j, count, b, x, P, scr):
 
     A constant that a source lacks comes from the entry prior: tables of b say which.
     """
-    n, m, side, width, wide = b.layout[j, tr.SIZE], b.size.size, _side(b), len(b.wide), len(b.wide) > 0
+    n, m, side, width, wide = b.layout[j, tr.SIZE], b.size.size, _side(b), len(b.wide), _has_constants(j, b)
+    for s in range(count):
+        if wide and not b.aligned[j, scr.sources[s]]:
+            _gather(j, scr.sources[s], n, b, x, P, scr.in_x, scr.in_P)
     m0, m1, m2, mean = 0.0, 0.0, 0.0, zeros(b.wide)
     for s in range(count):
         i, weight = scr.sources[s], scr.weights[s]
         at = i * side
         m0, m1, m2 = m0 + weight * get(x, at), m1 + weight * get(x, at + 1), m2 + weight * get(x, at + 2)
         if wide:
-            if not b.aligned[j, i]:
-                _gather(j, i, n, b, x, P, scr.in_x, scr.in_P)
             from_x = x if b.aligned[j, i] else scr.in_x
             pair = (j * m + i) * width
             entered = load(from_x, at + 3, b.wide) * load(b.shared, pair, b.wide)
             entered = entered + load(b.lacking_mean, pair, b.wide)
             store(scr.off, i * width, entered)
             mean = mean + entered * weight
-    p00, p01, p02, p11, p12, p22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    moments = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     row0, row1, row2, lacking = zeros(b.wide), zeros(b.wide), zeros(b.wide), zeros(b.wide)
     for s in range(count):
         i, weight = scr.sources[s], scr.weights[s]
-        a00, a01, a02, a11, a12, a22 = _core(b, P, i)
         at = i * side
         e0, e1, e2 = get(x, at) - m0, get(x, at + 1) - m1, get(x, at + 2) - m2
-        w0, w1, w2 = weight * e0, weight * e1, weight * e2
-        p00, p01, p02 = (
-            p00 + (weight * a00 + w0 * e0),
-            p01 + (weight * a01 + w0 * e1),
-            p02 + (weight * a02 + w0 * e2),
-        )
-        p11, p12, p22 = (
-            p11 + (weight * a11 + w1 * e1),
-            p12 + (weight * a12 + w1 * e2),
-            p22 + (weight * a22 + w2 * e2),
-        )
+        moments = with_source(moments, weight, _core(b, P, i), (e0, e1, e2))
         if wide:
             from_P = P if b.aligned[j, i] else scr.in_P
             pair = (j * m + i) * width
             off, shared = load(scr.off, i * width, b.wide) - mean, load(b.shared, pair, b.wide) * weight
             store(scr.off, i * width, off)
-            row0 = row0 + (_row(b, from_P, i, 0) * shared + off * w0)
-            row1 = row1 + (_row(b, from_P, i, 1) * shared + off * w1)
-            row2 = row2 + (_row(b, from_P, i, 2) * shared + off * w2)
+            row0 = row0 + (_row(b, from_P, i, 0) * shared + off * (weight * e0))
+            row1 = row1 + (_row(b, from_P, i, 1) * shared + off * (weight * e1))
+            row2 = row2 + (_row(b, from_P, i, 2) * shared + off * (weight * e2))
             lacking = lacking + load(b.lacking_var, pair, b.wide) * weight
     to_x, to_P = scr.to_x, scr.to_P
     to_x[j, 0], to_x[j, 1], to_x[j, 2] = m0, m1, m2
-    _set_core(b, to_P, j, (p00, p01, p02, p11, p12, p22))
+    _set_core(b, to_P, j, moments)
     if not wide:
         return
     store(to_x, j * _side(b) + 3, mean)
@@ -292,7 +344,7 @@ def _rest(j, b, from_P, P, t, I_grown):
     n = b.layout[j, tr.SIZE]
     _, _, _, p11, p12, p22 = _core(b, from_P, j)
     _set_core(b, P, j, (REST_VARIANCE, 0.0, 0.0, p11 + I_grown, p12, p22 + b.diffusion[j, 2] * t))
-    if len(b.wide) > 0:
+    if _has_constants(j, b):
         _set_row(b, P, j, 0, zeros(b.wide))
         _set_row(b, P, j, 1, _row(b, from_P, j, 1))
         _set_row(b, P, j, 2, _row(b, from_P, j, 2))
@@ -345,7 +397,7 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
     work (3, width): scratch. Whether the motor rests at the end.
     Of P only what is right of the diagonal in the rows of w, I, x and the square of the constants is kept (see `mirror`).
     """
-    n, at_d, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D], len(b.wide) > 0
+    n, at_d, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_D], _has_constants(j, b)
     w, I, pos, d, torque, rate = from_x[j, 0], from_x[j, 1], from_x[j, 2], 0.0, 0.0, 0.0
     if wide:
         tr.load_parameters(j, from_x, b.layout, b.parameters, p)
@@ -370,13 +422,7 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
         return True
     by_d = g[0, at_d] if at_d >= 0 else 0.0
     f = tr.motion_transition(by_w, by_I, by_x, by_d, x_by_w, t)
-    f00, f01, f02, f10, f11, f20, f21 = f
-    a00, a01, a02, a11, a12, a22 = _core(b, from_P, j)
-    t00, t01, t02 = (
-        f00 * a00 + f01 * a01 + f02 * a02, f00 * a01 + f01 * a11 + f02 * a12, f00 * a02 + f01 * a12 + f02 * a22
-    )  # fmt: skip
-    t10, t11, t12 = f10 * a00 + f11 * a01, f10 * a01 + f11 * a11, f10 * a02 + f11 * a12
-    t20, t21, t22 = f20 * a00 + f21 * a01 + a02, f20 * a01 + f21 * a11 + a12, f20 * a02 + f21 * a12 + a22
+    t00, t01, t02, t10, t11, t12, t20, t21, t22 = through(f, _core(b, from_P, j))
     p00 = b.diffusion[j, 0] * t + tune.agility * tune.agility * change
     p01, p02, p22 = 0.0, 0.0, b.diffusion[j, 2] * t
     if wide:
@@ -399,6 +445,7 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
         t20 += dot(into_x, b0)
         t21 += dot(into_x, b1)
         t22 += dot(into_x, b2)
+        f00, f01, f02, f10, f11, f20, f21 = f
         row0, row1 = b0 * f00 + b1 * f01 + b2 * f02 + through_w, b0 * f10 + b1 * f11
         row2 = b0 * f20 + b1 * f21 + b2 + through_x
         p00 += dot(into_w, row0)
@@ -412,10 +459,8 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
         _set_row(b, P, j, 0, row0)
         _set_row(b, P, j, 1, row1)
         _set_row(b, P, j, 2, row2)
-    p00, p01 = p00 + f00 * t00 + f01 * t01 + f02 * t02, p01 + f00 * t10 + f01 * t11 + f02 * t12
-    p02, p11 = p02 + f00 * t20 + f01 * t21 + f02 * t22, I_grown + f10 * t10 + f11 * t11
-    p12, p22 = f10 * t20 + f11 * t21, p22 + f20 * t20 + f21 * t21 + t22
-    _set_core(b, P, j, (p00, p01, p02, p11, p12, p22))
+    q00, q01, q02, q11, q12, q22 = onto(f, (t00, t01, t02, t10, t11, t12, t20, t21, t22))
+    _set_core(b, P, j, (p00 + q00, p01 + q01, p02 + q02, q11 + I_grown, q12, p22 + q22))
     return False
 
 
@@ -423,15 +468,15 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
 def _update(
     j, b, p, x, P, slow, bias, z, row, previous, last_y, glitches, w_cmd, tune, y, H, seen, spread, work
 ):
-    """Scalar updates of hypothesis j, channel by channel; returns its log-density and NIS.
+    """Scalar updates of hypothesis j, channel by channel; returns its NIS, and its density for `_densities`.
 
     Fills rows j of y (m, 3), the prediction, and of seen, spread (m, 3), the innovations and their variances. p: parameters
     with the factors in the state. H (3, 4), work (3, width): scratch. A glitch counts as one at the gate and moves nothing.
     """
-    n, at_v, failed, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j], len(b.wide) > 0
+    n, at_v, failed, wide = b.layout[j, tr.SIZE], b.layout[j, tr.AT_SUPPLY], b.failed[j], _has_constants(j, b)
     tr.channels(j, x, b.layout, slow, w_cmd, 0.0, p, b.parameters, y, H)
     x0, x1, x2, xv = 0.0, 0.0, 0.0, 0.0  # corrections so far
-    p00, p01, p02, p11, p12, p22 = _core(b, P, j)
+    p_core = _core(b, P, j)
     pv0, pv1, pv2, pvv = 0.0, 0.0, 0.0, 0.0
     row0, row1, row2, row_v, constants = (
         zeros(b.wide),
@@ -446,7 +491,7 @@ def _update(
         if at_v >= 0:
             row_v = _row(b, P, j, at_v)
             pv0, pv1, pv2, pvv = P[j, 0, at_v], P[j, 1, at_v], P[j, 2, at_v], P[j, at_v, at_v]
-    log_density, nis, product = 0.0, 0.0, 1.0
+    doubled, nis, product = 0.0, 0.0, 1.0
     for c in range(3):
         if wide:
             store(work, c * len(b.wide), zeros(b.wide))
@@ -456,21 +501,21 @@ def _update(
             continue
         h0, h1, h2, hv = H[c, 0], H[c, 1], H[c, 2], H[c, 3] if at_v >= 0 else 0.0
         e = z[row, c] - y[j, c] - h0 * x0 - h1 * x1 - h2 * x2 - hv * xv
-        w0, w1 = h0 * p00 + h1 * p01 + h2 * p02 + hv * pv0, h0 * p01 + h1 * p11 + h2 * p12 + hv * pv1
-        w2, wv = h0 * p02 + h1 * p12 + h2 * p22 + hv * pv2, h0 * pv0 + h1 * pv1 + h2 * pv2 + hv * pvv
+        w0, w1, w2 = shown((h0, h1, h2), p_core)
+        w0, w1, w2 = w0 + hv * pv0, w1 + hv * pv1, w2 + hv * pv2
+        wv = h0 * pv0 + h1 * pv1 + h2 * pv2 + hv * pvv
         S = b.noise[c] + _doubt(j, c, tune, y, last_y) + h0 * w0 + h1 * w1 + h2 * w2 + hv * wv
         per_S = 1.0 / S
         seen[j, c], spread[j, c] = e, S
         product *= S
-        log_density -= tr.LOG_2PI
+        doubled -= tr.LOG_2PI
         if tr.glitch(j, S, e, c, glitches, tune.glitch, tune.glitch_samples):
             nis += tune.glitch * tune.glitch
             continue
         nis += e * e * per_S
         g0, g1, g2, gv = w0 * per_S, w1 * per_S, w2 * per_S, wv * per_S
         x0, x1, x2, xv = x0 + g0 * e, x1 + g1 * e, x2 + g2 * e, xv + gv * e
-        p00, p01, p02 = p00 - g0 * w0, p01 - g0 * w1, p02 - g0 * w2
-        p11, p12, p22 = p11 - g1 * w1, p12 - g1 * w2, p22 - g2 * w2
+        p_core = without(p_core, (g0, g1, g2), (w0, w1, w2))
         pv0, pv1, pv2, pvv = pv0 - gv * w0, pv1 - gv * w1, pv2 - gv * w2, pvv - gv * wv
         if wide:
             column = row0 * h0 + row1 * h1 + row2 * h2 + row_v * hv
@@ -479,11 +524,10 @@ def _update(
             store(work, (3 + c) * len(b.wide), gain)
             constants = constants + gain * e
             row0, row1, row2, row_v = row0 - gain * w0, row1 - gain * w1, row2 - gain * w2, row_v - gain * wv
-    log_density = 0.5 * (log_density - nis - math.log(product))
     x[j, 0] += x0
     x[j, 1] += x1
     x[j, 2] += x2
-    _set_core(b, P, j, (p00, p01, p02, p11, p12, p22))
+    _set_core(b, P, j, p_core)
     if wide:
         store(x, j * _side(b) + 3, constants)
         _set_row(b, P, j, 0, row0)
@@ -503,6 +547,7 @@ def _update(
             _set_row(b, P, j, 3 + k, _row(b, P, j, 3 + k) - taken)
     if failed >= 0 and z[row, failed] == z[row, failed]:
         h0, h1, h2, hv = H[failed, 0], H[failed, 1], H[failed, 2], H[failed, 3]
+        p00, p01, p02, p11, p12, p22 = p_core
         expected = y[j, failed] + h0 * x0 + h1 * x1 + h2 * x2 + hv * xv
         variance = h0 * h0 * p00 + h1 * h1 * p11 + h2 * h2 * p22 + hv * hv * pvv
         variance += 2.0 * (
@@ -510,10 +555,10 @@ def _update(
         )
         before = previous[failed] if previous[failed] == previous[failed] else np.inf
         sigma = math.sqrt(b.noise[failed] + _doubt(j, failed, tune, y, last_y))
-        log_density += tr.failed_channel(
+        doubled += 2.0 * tr.failed_channel(
             j, z[row, failed], before, expected, variance, sigma, bias, tune.failed
         )
-    return log_density, nis
+    return nis, doubled - nis, product
 
 
 @inlined
@@ -542,12 +587,21 @@ def _posterior(reached, log_density, mu):
     top = -math.inf
     for j in range(m):
         top = max(top, log_density[j])
+    for j in range(0, m, MOST):
+        store(mu, j, exp(load(log_density, j, ROOM) - top) * load(reached, j, ROOM))
     total = 0.0
     for j in range(m):
-        mu[j] = reached[j] * math.exp(log_density[j] - top)
         total += mu[j]
+    per_total = 1.0 / total
     for j in range(m):
-        mu[j] = max(mu[j] / total, UNREACHED)
+        mu[j] = max(mu[j] * per_total, UNREACHED)
+
+
+@inlined
+def _densities(b, scr, log_density):
+    """Log-densities of all hypotheses from scr.product, the variances of what was read, and scr.doubled, twice the rest."""
+    for j in range(0, b.size.size, MOST):
+        store(log_density, j, (load(scr.doubled, j, ROOM) - log(load(scr.product, j, ROOM))) * 0.5)
 
 
 @inlined
@@ -567,7 +621,8 @@ class Scratch(NamedTuple):
     to_x, in_x (m, n), to_P, in_P (m, n, n), to_bias (m, 2): the other side of mixing; sources, weights (m,), off (m, width),
     lacking (width,): who mixes; M (m, m); p (m, VECTOR_SIZE) parameters with the factors in the states; mu, log_density,
     reached (m,); y, seen, spread (m, 3); g (m, 3, n), H (3, 4), work (6, width), square (2, m, m); unscented: see there;
-    mixed (1,): the time step that M belongs to, which outlasts a call.
+    mixed (1,): the time step that M belongs to, which outlasts a call; product, doubled (m,): see `_densities`; lost (m,).
+    Arrays that are read in rows of MOST have room behind them.
     """
 
     to_x: Array
@@ -593,6 +648,9 @@ class Scratch(NamedTuple):
     square: Array
     unscented: UnscentedWork
     mixed: Array
+    product: Array
+    doubled: Array
+    lost: NDArray[np.bool_]
 
 
 def scratch(b: BankArrays) -> Scratch:
@@ -601,9 +659,15 @@ def scratch(b: BankArrays) -> Scratch:
     return Scratch(
         np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, n)), np.zeros((m, n, n)), np.zeros((m, 2)),
         np.zeros(m, dtype=np.int64), np.zeros(m), np.zeros((m, width)), np.zeros(width), np.eye(m), b.parameters.copy(),
-        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), np.zeros((m, 3, n)),
+        _roomy(m), _roomy(m), _roomy(m), np.zeros((m, 3)), np.zeros((m, 3)), np.ones((m, 3)), np.zeros((m, 3, n)),
         np.zeros((3, 4)), np.zeros((6, width)), np.zeros((2, m, m)), unscented.work_arrays(m, n), np.full(1, -1.0),
+        _roomy(m), _roomy(m), np.zeros(m, dtype=np.bool_),
     )  # fmt: skip
+
+
+def _roomy(m: int) -> Array:
+    """Zeros (m,) with room behind them for the last row that is read."""
+    return np.zeros(m + MOST)[:m]
 
 
 def padded(b: BankArrays) -> int:
@@ -724,16 +788,19 @@ def run(
                 )  # fmt: skip
                 if b.failed[j] >= 0:
                     state.bias[j, 1] += creep * b.noise[b.failed[j]] * dt
-            lost = _check(j, b, state, False)
-            if lost or first:
+        for j in range(m):  # a loop of its own: the processor works at several hypotheses at once
+            scr.lost[j] = _check(j, b, state, False)
+            if scr.lost[j] or first:
                 tr.load_parameters(j, state.x, b.layout, b.parameters, scr.p[j])
-            density, out_nis[k, j] = _update(
+            out_nis[k, j], scr.doubled[j], scr.product[j] = _update(
                 j, b, scr.p[j], state.x, state.P, state.slow, state.bias, z, k, state.z, state.predicted, state.glitches,
                 w_cmd[k], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
             )  # fmt: skip
-            if not (density > tr.LOST):
-                lost = _check(j, b, state, True)
-            scr.log_density[j] = tr.LOST if lost else density
+        _densities(b, scr, scr.log_density)
+        for j in range(m):
+            if scr.lost[j] or not (scr.log_density[j] > tr.LOST):
+                _check(j, b, state, not scr.lost[j])
+                scr.log_density[j] = tr.LOST
         _finish(
             b, state, scr, mixing, k, z, w_cmd, out_mu, out_y, out_seen, out_states, out_density, out_strain
         )

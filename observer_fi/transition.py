@@ -272,7 +272,7 @@ def motion_transition(by_w, by_I, by_x, by_d, x_by_w, t):
         1.0 + t * by_w + half * (by_w * by_w + (by_x + by_d) * x_by_w - by_I),
         t * by_I + half * by_w * by_I,
         t * by_x + half * by_w * by_x,
-        -t - half * by_w,
+        half * by_w * -1.0 - t,
         1.0 - half * by_I,
         t * x_by_w + half * x_by_w * by_w,
         half * x_by_w * by_I,
