@@ -922,7 +922,7 @@ class Bank:
             self.snapshots.popleft()
 
 
-BLOCK = 400  # samples between two snapshots
+BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as much as fifty samples
 TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
 
 
