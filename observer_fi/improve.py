@@ -12,12 +12,13 @@ from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
-from observer_fi.fitting import FitResult, autocorrelation, nll_per_sample
-from observer_fi.models import Model, Rig, with_values
+from observer_fi.fitting import FitResult, autocorrelation, fit, nll_per_sample
+from observer_fi.models import Model, Rig, override, with_values
 from observer_fi.naming import (
     Named,
     Naming,
     NamingSettings,
+    base_parameters,
     dust,
     excess,
     held_out_residuals,
@@ -26,7 +27,7 @@ from observer_fi.naming import (
 from observer_fi.products import square
 from observer_fi.records import Array, Log, Segment
 from observer_fi.residuals import Residuals, residual_tables
-from observer_fi.stops import find_stops
+from observer_fi.stops import find_stops, stops_of_travel
 from observer_fi.unexplained import Smooth, rest_steps, slow_excess, smooth_terms
 
 SCHEMA = "observer-fi/improve/1"
@@ -35,6 +36,7 @@ _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
 _IMPERFECT = 1.25
 _SAMPLED = ("current_lag", "input_delay", "voltage_delay")
+_STOP_NATS = 100.0  # that stops must gain in the refit
 _WHITE_LAGS = 20
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
@@ -114,7 +116,7 @@ def improve(
     if rig.drive != "pi_servo":
         raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
-    model = find_stops(experiment, rig)
+    model = _with_stops(experiment, logs, rig)
     naming = name_causes(experiment, rig, model, settings, progress)
     progress("what stays unexplained")
     before = held_out_residuals(experiment, naming.baseline)
@@ -140,6 +142,19 @@ def improve(
         residual_tables(experiment, naming.baseline),
         residual_tables(experiment, naming.extended),
     )
+
+
+def _with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
+    """The rig's model with the stops that the current or the travel shows, where the refit is better for them."""
+    shown = find_stops(experiment, rig)
+    seen = stops_of_travel(experiment, logs, shown)
+    models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
+    if len(models) == 1:
+        return rig.model
+    costs = [
+        fit(experiment, m, base_parameters(rig, m)).objective + _STOP_NATS * k for k, m in enumerate(models)
+    ]
+    return models[int(np.argmin(costs))]
 
 
 def to_json(record: Improvement) -> dict[str, Any]:

@@ -1,10 +1,14 @@
-"""Whether a campaign leans on the stops: contact points of equation 11 from the steady torque, before any fit."""
+"""Whether a campaign leans on the stops: contact points from the steady torque or the travel, before any fit."""
+
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from observer_fi.experiment import Experiment
+from observer_fi.experiment import Experiment, cut_moves
+from observer_fi.kinematic_breaks import find_breaks
 from observer_fi.models import Model, Rig, override
-from observer_fi.records import Array
+from observer_fi.records import Array, Log
 
 _SETTLED_S = 0.3
 _BLOCK = 40
@@ -37,6 +41,20 @@ def find_stops(experiment: Experiment, rig: Rig) -> Model:
         if both[0] < (1.0 - _LESS) * best[0]:
             best = both
     return override(model, model.name, **{n: float(v) for n, v in best[1].items()})
+
+
+def stops_of_travel(experiment: Experiment, logs: Sequence[Log], model: Model) -> dict[str, float]:
+    """Stops that the model lacks, by where x begins to follow the motor at another rate (`kinematic_breaks.py`)."""
+    breaks = [find_breaks(log, cut_moves(log), model, float(experiment.noise[2])) for log in logs]
+    found = {}
+    for name, places in (
+        ("x_stop_high", [b.stop_high for b in breaks]),
+        ("x_stop_low", [b.stop_low for b in breaks]),
+    ):
+        told = [place for place in places if place is not None]
+        if told and not math.isfinite(model[name]):
+            found[name] = float(np.median(told))
+    return found
 
 
 def _steady(experiment: Experiment, model: Model) -> tuple[Array, Array, Array, Array]:
