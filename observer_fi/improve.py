@@ -12,7 +12,7 @@ from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
-from observer_fi.fitting import FitResult, autocorrelation, fit, nll_per_sample
+from observer_fi.fitting import FitResult, Free, autocorrelation, fit, nll_per_sample
 from observer_fi.models import Model, Rig, override, with_values
 from observer_fi.naming import (
     Named,
@@ -145,16 +145,18 @@ def improve(
 
 
 def _with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
-    """The rig's model with the stops that the current or the travel shows, where the refit is better for them."""
+    """The rig's model with the stops that the current or the travel shows, where a refit is better for them.
+
+    A torque offset is free in that refit: it looks like a stop at the end of the travel.
+    """
     shown = find_stops(experiment, rig)
     seen = stops_of_travel(experiment, logs, shown)
     models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
     if len(models) == 1:
         return rig.model
-    costs = [
-        fit(experiment, m, base_parameters(rig, m)).objective + _STOP_NATS * k for k, m in enumerate(models)
-    ]
-    return models[int(np.argmin(costs))]
+    offset = Free("torque_offset", 1e-6)
+    fits = [fit(experiment, m, (*base_parameters(rig, m), offset)) for m in models]
+    return models[int(np.argmin([f.objective + _STOP_NATS * k for k, f in enumerate(fits)]))]
 
 
 def to_json(record: Improvement) -> dict[str, Any]:
