@@ -471,9 +471,11 @@ def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
     from observer_fi.improve import improve
     from observer_fi.learning_report import improve_files, improve_headline, improve_json
     from observer_fi.segment import excitation, log_segments
+    from observer_fi.servo import with_servo
     from observer_fi.settings import Settings
 
     tell = _step(args)
+    rig = with_servo(logs, rig)
     record = improve(logs, rig, progress=tell)
     tell("what diagnose gains")
     best = record.extended_rig
