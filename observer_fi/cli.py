@@ -430,7 +430,7 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 
 
 def _identify(args: argparse.Namespace) -> int:
-    from observer_fi.identify import identified_rig, identify
+    from observer_fi.identify import identified_rig, identify, residuals_by_phase
     from observer_fi.ingest import log_name
     from observer_fi.learning_report import identify_files, identify_json
     from observer_fi.models import load_rig
@@ -439,7 +439,9 @@ def _identify(args: argparse.Namespace) -> int:
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
     logs = _learning_logs(args, rig)
     fit = identify(logs, rig)
-    write_folder(args.out / name, identify_files(fit, rig, identified_rig(fit, rig), name, list(args.logs)))
+    by_phase = residuals_by_phase(logs, fit, rig.model)
+    files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
+    write_folder(args.out / name, files)
     if args.json:
         emit_json(identify_json(fit))
     elif not args.quiet:

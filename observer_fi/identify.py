@@ -33,7 +33,8 @@ from observer_fi.joint_fit import (
 )
 from observer_fi.kinematic_breaks import Breaks, find_breaks
 from observer_fi.models import Model, Rig, override, with_values
-from observer_fi.records import Fit, Log, Parameter, Segment
+from observer_fi.records import Array, Fit, Log, Parameter, Segment
+from observer_fi.segment import Phase, log_segments, phases
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
 MAKER = {"Rm": 2e-3, "Km": 2e-3, "D": 1e-3}
@@ -394,6 +395,22 @@ def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
     named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
     return {n: float(np.sqrt(np.mean(v**2))) for n, v in named.items()}
+
+
+def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str, Array]:
+    """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
+    codes, residuals = [], []
+    for one in fit.figures.get("fits", []):
+        log = logs[one["log"]]
+        phase_of = np.full(log.t.size, int(Phase.REST))
+        for move in log_segments(log):
+            phase_of[move.rest : move.end] = phases(move, log.t, log.w_cmd, log.z, model)
+        codes.append(phase_of[np.searchsorted(log.t, one["time"])])
+        residuals.append(one["residual"])
+    if not codes:
+        return {}
+    code, r = np.concatenate(codes), np.concatenate(residuals)
+    return {p.name.lower(): np.mean(r[code == p] ** 2, axis=0) for p in Phase if (code == p).any()}
 
 
 def figures(parts: Sequence[Part], fitted: JointFit, steps: Mapping[str, cf.Step]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Reports of `identify` and `improve`: the records printed, nothing computed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from observer_fi import learning_figures
@@ -9,7 +9,7 @@ from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
 from observer_fi.improve import Improvement, to_json
 from observer_fi.models import Rig, rig_toml
-from observer_fi.records import Fit, Parameter
+from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import environment, json_text, number, versions
 from observer_fi.segment import Excitation
 
@@ -61,13 +61,15 @@ def improve_headline(record: Improvement) -> str:
     return f"The simulation misses {', '.join(named)}{rest}"
 
 
-def identify_files(fit: Fit, rig: Rig, identified: Rig, name: str, logs: list[str]) -> dict[str, str]:
-    """Everything that one identify report consists of, {file name: text}."""
+def identify_files(
+    fit: Fit, rig: Rig, identified: Rig, by_phase: Mapping[str, Array], name: str, logs: list[str]
+) -> dict[str, str]:
+    """Everything that one identify report consists of, {file name: text}. by_phase: mean square of the residuals, (3,)."""
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
         fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions(),
-        left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
+        by_phase=by_phase, left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
     return {
         "identify.json": json_text(identify_json(fit)),

@@ -10,7 +10,7 @@ import pytest
 from observer_fi import identify as module
 from observer_fi.errors import InvalidLogError
 from observer_fi.fitting import Free
-from observer_fi.identify import identified_rig, identify
+from observer_fi.identify import identified_rig, identify, residuals_by_phase
 from observer_fi.ingest import log_from_frame
 from observer_fi.joint_fit import Z95, fit_parts, part_of, predict, profile_interval
 from observer_fi.kinematic_breaks import Breaks
@@ -284,3 +284,11 @@ def test_intervals_hold_the_truth():
             assert 100.0 * error < study.LIMITS[name] * abs(some[0].truth), name
         if name.startswith("x_stop"):
             assert error < study.X_LIMIT_M
+
+
+def test_residuals_by_phase_are_white_for_the_right_model(campaign, fitted):
+    """1 in steady motion; less where the servo's timing is in doubt and weighed down."""
+    found = residuals_by_phase([campaign], fitted, PAPER.model)
+    assert {"acceleration", "saturation", "stabilisation", "steady", "stop"} <= set(found)
+    assert all((mean < 2.0).all() for mean in found.values())
+    assert found["steady"] == pytest.approx(np.ones(3), abs=0.05)
