@@ -314,7 +314,10 @@ def test_a_day_fed_fast_does_not_grow(tmp_path: Path) -> None:
     lines = csv_lines(sample_log("none"))
     table = np.array([[float(v) for v in line.split(",")] for line in lines[2:]])
     process = start_watch(stdin=subprocess.PIPE)
-    assert process.stdin is not None
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+    told: list[str] = []  # read as it comes: a full pipe would stop both sides
+    reader = threading.Thread(target=lambda: told.extend(process.stdout or ()))
+    reader.start()
     sizes = []
     process.stdin.write(lines[1])
     for turn in range(94):
@@ -322,9 +325,12 @@ def test_a_day_fed_fast_does_not_grow(tmp_path: Path) -> None:
         process.stdin.write("".join(",".join(f"{value:.7g}" for value in row) + "\n" for row in moved))
         process.stdin.flush()
         sizes.append(int(Path(f"/proc/{process.pid}/statm").read_text().split()[1]) * 4096)
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 0 and not err
-    assert json.loads(out.splitlines()[-1])["samples"] == 94 * len(table)
+    process.stdin.close()
+    reader.join(timeout=120)
+    assert process.wait(timeout=10) == 0 and not process.stderr.read()
+    process.stdout.close()
+    process.stderr.close()
+    assert json.loads(told[-1])["samples"] == 94 * len(table)
     assert max(sizes[20:]) < max(sizes[10:20]) + 5e6
 
 
