@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from observer_fi.experiment import Experiment, commands, prepare, simulate, whitened
 from observer_fi.models import Model, Rig, override
@@ -23,6 +24,7 @@ from observer_fi.products import along, gram, self_gram, square
 from observer_fi.records import Array, Log, Segment
 
 _ITERATIONS = 20
+_WHITE_LAGS = 20
 _HALVINGS = 6
 _DONE = 0.02  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
@@ -311,6 +313,14 @@ def autocorrelation(y: Array, lags: int) -> Array:
     spectrum = np.abs(np.fft.rfft(y, size)) ** 2
     both = np.fft.irfft(spectrum, size)[: lags + 1]
     return both[1:] / both[0] if both[0] > 0.0 else np.zeros(lags)
+
+
+def whiteness(r: Array) -> float:
+    """p-value of Ljung and Box's test (1978) that a residual (n,) of any unit has no autocorrelation up to lag 20."""
+    rho = autocorrelation(r, _WHITE_LAGS)
+    n = r.size
+    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, _WHITE_LAGS + 1))))
+    return float(chi2.sf(q, _WHITE_LAGS))
 
 
 def nll_per_sample(experiment: Experiment, r: Array) -> float:

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
-from observer_fi.fitting import FitResult, Free, autocorrelation, fit, nll_per_sample
+from observer_fi.fitting import FitResult, Free, fit, nll_per_sample, whiteness
 from observer_fi.models import Model, Rig, override, with_values
 from observer_fi.naming import (
     Named,
@@ -37,7 +36,6 @@ _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 _IMPERFECT = 1.25
 _SAMPLED = ("current_lag", "input_delay", "voltage_delay")
 _STOP_NATS = 100.0  # that stops must gain in the refit
-_WHITE_LAGS = 20
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
 _STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in the steps between moves
@@ -217,14 +215,6 @@ def _rmse(experiment: Experiment, fitted: FitResult, held_out: Array) -> dict[st
 
 def _rms(y: Array) -> float:
     return float(np.sqrt(np.mean(y**2))) if y.size else float("nan")
-
-
-def whiteness(r: Array) -> float:
-    """p-value of Ljung and Box's test that a residual has no autocorrelation up to lag 20."""
-    rho = autocorrelation(r, _WHITE_LAGS)
-    n = r.size
-    q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, _WHITE_LAGS + 1))))
-    return float(chi2.sf(q, _WHITE_LAGS))
 
 
 def _refit(rig: Rig, naming: Naming) -> dict[str, Value]:

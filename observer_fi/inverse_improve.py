@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from observer_fi.actuator import PARAMETERS
 from observer_fi.effects import CAUSES
+from observer_fi.fitting import whiteness
 from observer_fi.inverse import (
     Solution,
     extended_rig,
@@ -22,7 +22,7 @@ from observer_fi.inverse_motion import Motion
 from observer_fi.inverse_naming import Ladder, nll
 from observer_fi.inverse_vocabulary import Candidate
 from observer_fi.models import Rig
-from observer_fi.records import Array, Finding, Parameter
+from observer_fi.records import Finding, Parameter
 
 
 def findings(ladder: Ladder) -> tuple[Finding, ...]:
@@ -65,14 +65,6 @@ def _parameter(name: str, value: float, std: float, rig: Rig) -> Parameter:
     return Parameter(
         name, value, std, rig.model[name], PARAMETERS[name][0], value - 1.96 * std, value + 1.96 * std
     )
-
-
-def whiteness(residual: Array, lags: int = 20) -> float:
-    """p-value of Ljung and Box: that a white residual would be as correlated as this one."""
-    r = residual - residual.mean()
-    correlation = np.array([float(r[k:] @ r[:-k]) for k in range(1, lags + 1)]) / float(r @ r)
-    statistic = r.size * (r.size + 2) * float(np.sum(correlation**2 / (r.size - np.arange(1, lags + 1))))
-    return float(chi2.sf(statistic, lags))
 
 
 def refitted(ladder: Ladder) -> tuple[Parameter, ...]:

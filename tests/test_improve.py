@@ -8,7 +8,8 @@ from test_fitting import campaign
 
 from observer_fi.diagnosis_gain import Worth
 from observer_fi.errors import UsageError
-from observer_fi.improve import Improvement, improve, to_json, whiteness
+from observer_fi.fitting import whiteness
+from observer_fi.improve import Improvement, improve, to_json
 from observer_fi.learning_report import improve_files
 from observer_fi.models import load_rig, with_values
 from observer_fi.segment import Excitation
