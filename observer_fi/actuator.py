@@ -96,7 +96,13 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "voltage_delay": ("s", 0.0),
     "voltage_offset": ("V", 0.0),
     "pitch_offset": ("deg", 0.0),
-}
+    # an empirical curve for what no cause explains: of which equation, over what, its points and values
+    "curve_of": ("1", 0.0),
+    "curve_over": ("1", 0.0),
+    "curve_first": ("1", 0.0),
+    "curve_step": ("1", 1.0),
+    "curve_last": ("1", 1.0),
+} | {f"curve_{k:02d}": ("1", 0.0) for k in range(32)}
 NAMES = tuple(PARAMETERS)
 INDEX = {name: k for k, name in enumerate(NAMES)}
 # One slot behind the parameters: 1 where any effect is away from its neutral value, so that a plain plant pays nothing.
@@ -176,7 +182,17 @@ VECTOR_SIZE = len(NAMES) + 1
     VOLTAGE_DELAY,
     VOLTAGE_OFFSET,
     PITCH_OFFSET,
-) = range(len(NAMES))
+    CURVE_OF,
+    CURVE_OVER,
+    CURVE_FIRST,
+    CURVE_STEP,
+    CURVE_LAST,
+    CURVE,
+) = range(INDEX["curve_00"] + 1)
+MOST_POINTS = len(NAMES) - CURVE
+# What a curve adds to, and over what it runs: the codes of curve_of and curve_over.
+TORQUE, DRAG, RESISTANCE, SHOWN_POSITION, SHOWN_CURRENT = 1.0, 2.0, 3.0, 4.0, 5.0
+SPEED, POSITION, PITCH, SHAFT_ANGLE, SCREW_ANGLE, CURRENT = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 
 DEGREE = math.pi / 180.0
 CONTACT_DEPTH = 5e-3  # m, depth at which a changed contact exponent leaves the torque as it was
@@ -236,6 +252,40 @@ def measured_speed(V, i, p):
 
 
 @inlined
+def curve_value(r, p):
+    """The empirical curve at r: linear between its points, constant beyond them, closed over a turn where r is an angle.
+
+    p[CURVE_LAST]: number of intervals. Unit: N m, ohm, m or A, by p[CURVE_OF].
+    """
+    last = p[CURVE_LAST]
+    u = (r - p[CURVE_FIRST]) / p[CURVE_STEP]
+    turns = p[CURVE_OVER] == SHAFT_ANGLE or p[CURVE_OVER] == SCREW_ANGLE
+    if turns:
+        u -= last * math.floor(u / last)
+    u = min(max(u, 0.0), last)
+    k = min(int(u), int(last) - 1)
+    left = p[CURVE + k]
+    right = p[CURVE] if turns and k + 1 == int(last) else p[CURVE + k + 1]
+    return left + (u - k) * (right - left)
+
+
+@inlined
+def curve_torque(w, x, phi, theta, p):
+    """The empirical curve of a torque, over speed or shaft angle, or over what only moves with the mass [N m]."""
+    over = p[CURVE_OVER]
+    if over == SPEED:
+        return curve_value(w, p)
+    if over == SHAFT_ANGLE:
+        return curve_value(phi, p)
+    r = x
+    if over == PITCH:
+        r = theta + p[PITCH_OFFSET]
+    elif over == SCREW_ANGLE:
+        r = 2.0 * math.pi * x / p[SCREW_LEAD]
+    return p[COUPLING] * curve_value(r, p)
+
+
+@inlined
 def friction(w, x, theta, p):
     """Friction torque for motion at full slip, without its sign [N m] (A of equation 7, A' of equation 13)."""
     drag = p[COUPLING] * p[A] + (1.0 - p[COUPLING]) * p[A_DECOUPLED]
@@ -251,6 +301,8 @@ def friction(w, x, theta, p):
         if p[GRAVITY_COSINE] != 0.0:
             along += p[GRAVITY_COSINE] * p[A] * (math.cos(DEGREE * pitch) - 1.0)
         drag += p[COUPLING] * along
+        if p[CURVE_OF] == DRAG:
+            drag += curve_torque(w, x, 0.0, theta, p)
     return max(drag, 0.0)
 
 
@@ -288,6 +340,8 @@ def load_torque(w, x, d, phi, theta, p):
             torque += p[COUPLING] * (
                 p[SCREW_RIPPLE_SIN] * math.sin(screw) + p[SCREW_RIPPLE_COS] * math.cos(screw)
             )
+        if p[CURVE_OF] == TORQUE:
+            torque += curve_torque(w, x, phi, theta, p)
     return torque
 
 
@@ -349,9 +403,12 @@ def indentation(x, p):
 def shown_position(seen, p):
     """Gain and periodic error of the position sensor, for what has come through its lag and delay [m]."""
     turn = 2.0 * math.pi * seen / p[POSITION_PERIOD]
-    return (
+    shown = (
         p[POSITION_GAIN] * seen + p[POSITION_SIN] * math.sin(turn) + p[POSITION_COS] * (math.cos(turn) - 1.0)
     )
+    if p[CURVE_OF] == SHOWN_POSITION:
+        shown += curve_value(seen, p)
+    return shown
 
 
 @inlined
@@ -365,4 +422,7 @@ def position_reading(x, x_rate, p):
 @inlined
 def current_reading(i, p):
     """What the current sensor shows of i [A]."""
-    return p[CURRENT_GAIN] * i + p[CURRENT_OFFSET]
+    shown = p[CURRENT_GAIN] * i + p[CURRENT_OFFSET]
+    if p[CURVE_OF] == SHOWN_CURRENT:
+        shown += curve_value(i, p)
+    return shown

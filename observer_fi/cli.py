@@ -419,6 +419,15 @@ def _learning_arguments(parser: argparse.ArgumentParser) -> None:
     add_common(parser)
 
 
+def _improve_arguments(parser: argparse.ArgumentParser) -> None:
+    _learning_arguments(parser)
+    parser.add_argument(
+        "--keep-unexplained",
+        action="store_true",
+        help="what no cause explains becomes an empirical curve of the extended rig, if it helps on held-out moves",
+    )
+
+
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
     from observer_fi.command_recovery import with_command
@@ -478,7 +487,7 @@ def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
 
     tell = _step(args)
     rig = with_servo(logs, rig)
-    record = improve(logs, rig, progress=tell)
+    record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
     tell("what diagnose gains")
     best = record.extended_rig
     gain = worth(logs, best, rig, Settings()), worth(logs, best, best, Settings())
@@ -489,6 +498,10 @@ def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
 
 def _improve_force(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
     """A rig that logs the drive force: the force that its motion asks for against the commanded one."""
+    if args.keep_unexplained:
+        raise UsageError(
+            '--keep-unexplained needs a rig whose moves are simulated, not one with drive = "force"'
+        )
     from observer_fi.inverse_improve import to_json
     from observer_fi.inverse_motion import prepare
     from observer_fi.inverse_naming import name_causes
@@ -516,7 +529,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "identify": Command("learn a rig from its logs, with intervals", _learning_arguments, _identify),
     "improve": Command(
-        "show what the simulation gets wrong, name the cause, extend the model", _learning_arguments, _improve
+        "show what the simulation gets wrong, name the cause, extend the model", _improve_arguments, _improve
     ),
     "simulate": Command(
         "a synthetic log with an injected fault, and its truth beside it", _simulate_arguments, _simulate
