@@ -15,6 +15,7 @@ from observer_fi.errors import UsageError
 _OF = {
     ("torque", False): a.TORQUE,
     ("torque", True): a.DRAG,
+    ("electrical", False): a.RESISTANCE,
     ("sensor:position", False): a.SHOWN_POSITION,
     ("sensor:current", False): a.SHOWN_CURRENT,
 }
@@ -30,6 +31,7 @@ _OVER = {
 _KNOWN = {
     a.TORQUE: ("speed", "position", "pitch", "shaft_angle", "screw_angle"),
     a.DRAG: ("speed", "position", "pitch", "screw_angle"),
+    a.RESISTANCE: ("speed", "current"),
     a.SHOWN_POSITION: ("position",),
     a.SHOWN_CURRENT: ("current",),
 }
@@ -58,7 +60,9 @@ class Curve:
     @property
     def unit(self) -> str:
         """Of the values."""
-        return {"torque": "N m", "sensor:position": "m", "sensor:current": "A"}[self.equation]
+        return {"torque": "N m", "electrical": "ohm", "sensor:position": "m", "sensor:current": "A"}[
+            self.equation
+        ]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -78,6 +78,16 @@ def test_sensors_show_their_curve():
     assert a.current_reading(0.5, vector(shown)) == pytest.approx(0.51)
 
 
+def test_a_resistance_drops_its_voltage_and_limits_the_current():
+    p = vector(Curve("electrical", "current", False, -1.0, 1.0, (2.0, 1.0, 2.0)))
+    assert a.terminal_voltage(0.1, 300.0, 0.0, p) - a.terminal_voltage(
+        0.1, 300.0, 0.0, RIG.model.vector
+    ) == pytest.approx(1.1 * 0.1)
+    i = a.limited_current(5.0, 0.0, 0.0, 0.0, p)
+    assert i == pytest.approx(15.1 / (20.2 + 0.8 + 1.0 + i), rel=1e-3)
+    assert a.limited_current(0.1, 300.0, 0.0, 0.0, p) == 0.1
+
+
 @pytest.mark.parametrize("curve", [BUMP, replace(BUMP, directed=True, std=(1e-6,) * 5)])
 def test_a_rig_file_keeps_it(curve, tmp_path: Path):
     path = tmp_path / "rig.toml"
