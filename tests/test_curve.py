@@ -84,7 +84,7 @@ def test_a_resistance_drops_its_voltage_and_limits_the_current():
         0.1, 300.0, 0.0, RIG.model.vector
     ) == pytest.approx(1.1 * 0.1)
     i = a.limited_current(5.0, 0.0, 0.0, 0.0, p)
-    assert i == pytest.approx(15.1 / (20.2 + 0.8 + 1.0 + i), rel=1e-3)
+    assert i == pytest.approx(15.1 / (20.2 + 0.8 + 1.0 + i), rel=2e-3)
     assert a.limited_current(0.1, 300.0, 0.0, 0.0, p) == 0.1
 
 
