@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from observer_fi.effects import CAUSES
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
 from observer_fi.fitting import FitResult, Free, fit, nll_per_sample, whiteness
+from observer_fi.freeing import FreedEquation
+from observer_fi.latent import Latent, free_equations
 from observer_fi.models import Model, Rig, override, with_values
 from observer_fi.naming import (
     Named,
@@ -85,7 +87,8 @@ class Improvement:
     """Everything that a report on `improve` needs.
 
     detectable: for each cause the smallest size that this log could have shown (five standard errors), by parameter,
-    or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats.
+    or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats. freed: for each
+    equation of the refitted rig how much the data want it free, the most wanted first; latents: what that looks like.
     """
 
     rig: Rig
@@ -101,6 +104,8 @@ class Improvement:
     refused: tuple[tuple[str, float], ...]
     before: Residuals
     after: Residuals
+    freed: tuple[FreedEquation, ...]
+    latents: tuple[Latent, ...]
 
 
 def improve(
@@ -116,6 +121,8 @@ def improve(
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
     model = _with_stops(experiment, logs, rig)
     naming = name_causes(experiment, rig, model, settings, progress)
+    progress("which equation the data want to free")
+    freed, latents = free_equations(experiment, naming.baseline)
     progress("what stays unexplained")
     before = held_out_residuals(experiment, naming.baseline)
     after = held_out_residuals(experiment, naming.extended) if naming.named else before
@@ -139,7 +146,16 @@ def improve(
         naming.refused,
         residual_tables(experiment, naming.baseline),
         residual_tables(experiment, naming.extended),
+        freed,
+        latents,
     )
+
+
+def refitted(logs: Sequence[Log], rig: Rig) -> tuple[Experiment, FitResult]:
+    """The moves of logs, and the refitted rig before any cause is tried."""
+    experiment = replace(prepare(logs, rig), steps=_STEPS)
+    model = _with_stops(experiment, logs, rig)
+    return experiment, fit(experiment, model, base_parameters(rig, model))
 
 
 def _with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
@@ -185,6 +201,7 @@ def to_json(record: Improvement) -> dict[str, Any]:
             for u in record.unexplained
         ],
         "extended": _measure_json(record.extended),
+        "freed": [asdict(row) for row in record.freed],
     }
 
 

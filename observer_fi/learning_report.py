@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from observer_fi import learning_figures
+from observer_fi import freed_figures, learning_figures
 from observer_fi.actuator import PARAMETERS
 from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
+from observer_fi.freeing import CLOSE_SHARE, WANTED_NATS
 from observer_fi.improve import Improvement, to_json
+from observer_fi.latent import Latent
 from observer_fi.models import Rig, rig_toml
 from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import environment, json_text, number, versions
@@ -22,23 +24,53 @@ def improve_files(
     gain: `diagnose` with either rig. shown: what each log holds.
     """
     drawn = learning_figures.of_improve(record)
+    latents = freed_figures.of_freed(record.latents)
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
+        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), handy=freed_figures.handy,
+        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE,
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
         "report.html": html,
         "rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
+        **{f"latent_{k + 1}.svg": svg for k, svg in enumerate(latents)},
     }
+
+
+def wish(record: Improvement) -> str:
+    """One sentence: which equation the data want to free first."""
+    first = [f for f in record.freed if f.verdict == "first"]
+    if not first:
+        return "None: no freedom in any equation makes these moves likelier than chance would."
+    others = [EQUATIONS[f.equation] for f in record.freed if f.verdict == "close"]
+    if not others:
+        return f"{EQUATIONS[first[0].equation].capitalize()}, clearly before every other."
+    return f"{EQUATIONS[first[0].equation].capitalize()}, which these logs cannot tell from {' or '.join(others)} in this way."
 
 
 def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
     before, after = (g._asdict() for g in gain)
     return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
+
+
+EQUATIONS = {
+    "torque": "the torque balance", "electrical": "the electrical equation", "servo": "the servo",
+    "kinematics": "the screw", "contact": "the stops", "sensor:position": "the position sensor",
+    "sensor:current": "the current sensor", "sensor:voltage": "the voltage sensor", "sensor:pitch": "the pitch sensor",
+}  # fmt: skip
+
+
+def shape(latent: Latent) -> str:
+    """What a disturbance goes with, in a sentence."""
+    if not latent.goes_with:
+        return "No quantity below predicts more than half of it in moves that were left out."
+    names = [f"the {plain(name)} ({100.0 * latent.curves[name].share:.0f} %)" for name in latent.goes_with]
+    return f"It goes best with {' or '.join(names)}."
 
 
 def held(shown: Excitation) -> str:
