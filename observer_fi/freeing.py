@@ -28,8 +28,8 @@ _LEAST, _START, _MOST = -5.0, -2.0, 1.0  # decades of the reference sizes
 _FINER = (0.4, 0.16)  # decades
 _FLAT = 0.5  # nats
 ALIKE = {
-    "torque": "a pitch sensor that is off acts as a load torque and as nothing else: its size and shape must rule it out; an error of "
-    "the current sensor that grows with the speed, together with another Km, acts as a drag",
+    "torque": "a pitch sensor that is off acts as a load torque and as nothing else: its size and shape must rule it out; an "
+    "error of the current sensor that grows with the speed, together with another Km, acts as a drag",
     "electrical": "the voltage sensor differs from it only while the supply is at its limit, and a current gain is a resistance",
     "sensor:voltage": "a voltage in the winding differs from it only while the supply is at its limit",
     "sensor:current": "a torque differs from it in the voltage only, which another Km hides where both grow with the speed",

@@ -24,21 +24,20 @@ SAME = [
 
 @pytest.fixture(scope="module")
 def motion():
-    """One move, started from the same rest whatever is changed; its end is cut off, where friction catches the mass."""
+    """A move forward and one back, started from the same rests whatever is changed."""
     experiment = prepare([campaign(speeds=(300.0,), pitches=(5.0,))], RIG)
     experiment = replace(experiment, steps=8)
     states, y = run(experiment, M, np.zeros((experiment.moves, 2)))
-    until = int(experiment.bounds[1] * 0.75)
-    return experiment, states, y, until
+    return experiment, states, y
 
 
-def respond(linear: pt.Linear, kind: int, size: float, rows: int) -> np.ndarray:
-    """(rows, 3) change of the readings for a disturbance of constant size, step by step."""
-    d, out = np.zeros(3), np.empty((rows, 3))
-    for k in range(rows):
+def respond(linear: pt.Linear, kind: int, size: float, first: int, stop: int) -> np.ndarray:
+    """(rows, 3) change of the readings of one move for a disturbance of constant size, step by step."""
+    d, out = np.zeros(3), np.empty((stop - first, 3))
+    for k in range(first, stop):
         h = linear.H[k]
-        out[k] = [h[0] * d[0] + h[1] * d[1], h[2] * d[0] + h[3] * d[1], h[4] * d[0] + h[5] * d[2]]
-        out[k] += size * linear.S[kind, k]
+        out[k - first] = [h[0] * d[0] + h[1] * d[1], h[2] * d[0] + h[3] * d[1], h[4] * d[0] + h[5] * d[2]]
+        out[k - first] += size * linear.S[kind, k]
         f = linear.F[k]
         moved = np.array(
             [
@@ -51,13 +50,16 @@ def respond(linear: pt.Linear, kind: int, size: float, rows: int) -> np.ndarray:
     return out
 
 
+@pytest.mark.parametrize("move", [0, 1])
 @pytest.mark.parametrize("kind, parameter, value, size", SAME, ids=lambda v: str(v))
-def test_a_disturbance_does_what_its_parameter_does(motion, kind, parameter, value, size):
-    experiment, states, y, until = motion
+def test_a_disturbance_does_what_its_parameter_does(motion, move, kind, parameter, value, size):
+    experiment, states, y = motion
+    first, end = experiment.bounds[move : move + 2]
+    stop = first + int(0.75 * (end - first))  # without the end, where friction catches the mass
     changed = override(M, M.name, **{parameter: M[parameter] + value})
-    expected = (run(experiment, changed, np.zeros((experiment.moves, 2)))[1] - y)[:until]
+    expected = (run(experiment, changed, np.zeros((experiment.moves, 2)))[1] - y)[first:stop]
     linear = pt.linearised(experiment, M, states)
-    found = respond(linear, kind, size, until)
+    found = respond(linear, kind, size, first, stop)
     for c in range(3):
         # the instants at which the supply's limit begins and ends lie between samples
         off = np.sqrt(np.mean((found[:, c] - expected[:, c]) ** 2))
@@ -65,7 +67,7 @@ def test_a_disturbance_does_what_its_parameter_does(motion, kind, parameter, val
 
 
 def test_no_stop_is_touched_no_stop_is_disturbed(motion):
-    experiment, states, _, _ = motion
+    experiment, states, _ = motion
     linear = pt.linearised(experiment, M, states)
     assert not linear.G[pt.STOP].any()
     stop = override(M, M.name, x_stop_high=float(states[:, 2].max()) - 1e-5)
