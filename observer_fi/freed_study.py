@@ -7,24 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.freeing import WANTED_NATS
+from observer_fi.freeing import LOOKS_LIKE, WANTED_NATS
 from observer_fi.improve import refitted
 from observer_fi.latent import free_equations
 from observer_fi.models import load_rig
 from observer_fi.records import Log
-
-# Equations that the readings hardly tell apart, and why: the `ALIKE` of freeing.py.
-DECLARED = {
-    "torque": {"torque"},
-    "electrical": {"electrical", "sensor:voltage"},
-    "servo": {"servo"},
-    "kinematics": {"kinematics", "sensor:position"},
-    "contact": {"contact", "torque"},
-    "sensor:voltage": {"sensor:voltage", "electrical"},
-    "sensor:current": {"sensor:current", "electrical"},
-    "sensor:position": {"sensor:position", "kinematics"},
-    "sensor:pitch": {"torque"},
-}
 
 
 @dataclass(frozen=True)
@@ -67,12 +54,16 @@ def right(case: FreedCase) -> bool:
 
 def declared(case: FreedCase) -> bool:
     """The first is the hidden equation, or one that is declared to look like it."""
-    return any(case.first in DECLARED[e] for e in case.equations)
+    return any(_stands_for(case.first, e) for e in case.equations)
 
 
 def told(case: FreedCase) -> bool:
     """The hidden equation, or one declared to look like it, is first or told with the first."""
-    return any(f in DECLARED[e] for e in case.equations for f in (case.first, *case.close))
+    return any(_stands_for(f, e) for e in case.equations for f in (case.first, *case.close))
+
+
+def _stands_for(first: str, equation: str) -> bool:
+    return first == equation or equation in LOOKS_LIKE.get(first, ())
 
 
 def summary(cases: Sequence[FreedCase]) -> str:

@@ -21,6 +21,7 @@ from observer_fi.records import Array
 
 WANTED_NATS = 20.0  # of 12 logs without any effect (seeds 9000 to 9011) the most is 4
 CLOSE_SHARE = 0.02  # of the best gain: rivals that fall short by less are told with it
+CLOSE_ALIKE = 0.05  # the same for equations that are known to look like the first
 CLOSE_NATS = 6.0  # the same where gains are small, as in `naming.py`
 # s: an error that stays for a good part of a move, and one that changes within a turn of the motor.
 MEMORIES = (1.0, 3e-3)
@@ -38,6 +39,13 @@ ALIKE = {
     "contact": "a torque at that end of the travel, for whatever reason",
     "sensor:pitch": "a load torque: gravity is all that the pitch enters",
 }
+
+
+# What the wrong equation may be where another comes first: the pairs of `ALIKE`.
+LOOKS_LIKE = {
+    "torque": ("sensor:pitch", "contact"), "electrical": ("sensor:voltage", "sensor:current"), "contact": ("torque",),
+    "sensor:voltage": ("electrical",), "kinematics": ("sensor:position",), "sensor:position": ("kinematics",),
+}  # fmt: skip
 
 
 class Freed(NamedTuple):
@@ -125,32 +133,35 @@ def freed_equations(
     """The best disturbance of every equation, the largest gain first. rms: of the smoothed disturbance."""
     ranked = sorted(freed, key=lambda f: -f.gain)
     best = {DISTURBANCES[f.kind].equation: f for f in reversed(ranked)}
-    rows = []
-    for equation, f in sorted(best.items(), key=lambda item: -item[1].gain):
-        rows.append(_row(experiment, equation, f, ranked[0].gain, rms(f) if f.gain >= WANTED_NATS else 0.0))
+    rows = [
+        _row(experiment, equation, f, ranked[0], rms(f) if f.gain >= WANTED_NATS else 0.0)
+        for equation, f in best.items()
+    ]
     load = next((f for f in ranked if f.kind == TORQUE and f.gain >= WANTED_NATS), None)
     if load is not None and model["B"] != 0.0:
-        rows.append(_as_pitch(_row(experiment, "sensor:pitch", load, ranked[0].gain, rms(load)), model))
+        rows.append(_as_pitch(_row(experiment, "sensor:pitch", load, ranked[0], rms(load)), model))
     return tuple(sorted(rows, key=lambda row: -row.gain))
 
 
-def _row(experiment: Experiment, equation: str, f: Freed, most: float, rms: float) -> FreedEquation:
+def _row(experiment: Experiment, equation: str, f: Freed, first: Freed, rms: float) -> FreedEquation:
     what = DISTURBANCES[f.kind]
     samples = max(int((experiment.weight > 0.0).any(axis=1).sum()), 1)
     intensity = f.size * math.sqrt(2.0 / f.memory)
-    verdict = _verdict(f.gain, most)
+    verdict = _verdict(equation, f.gain, first)
     return FreedEquation(
         equation, what.name, what.unit, f.memory, intensity, f.size, rms, f.gain, f.gain / samples, verdict,
         ALIKE.get(equation, ""),
     )  # fmt: skip
 
 
-def _verdict(gain: float, most: float) -> str:
+def _verdict(equation: str, gain: float, first: Freed) -> str:
+    leader = DISTURBANCES[first.kind].equation
     if gain < WANTED_NATS:
         return "no"
-    if gain == most:
+    if equation == leader:
         return "first"
-    return "close" if most - gain < max(CLOSE_NATS, CLOSE_SHARE * most) else "wanted"
+    share = CLOSE_ALIKE if equation in LOOKS_LIKE.get(leader, ()) else CLOSE_SHARE
+    return "close" if first.gain - gain < max(CLOSE_NATS, share * first.gain) else "wanted"
 
 
 def _as_pitch(torque: FreedEquation, model: Model) -> FreedEquation:
@@ -163,5 +174,4 @@ def _as_pitch(torque: FreedEquation, model: Model) -> FreedEquation:
         intensity=torque.intensity / B,
         size=torque.size / B,
         rms=torque.rms / B,
-        verdict="close" if torque.verdict == "first" else torque.verdict,
     )

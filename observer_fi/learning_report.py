@@ -7,7 +7,7 @@ from observer_fi import freed_figures, learning_figures
 from observer_fi.actuator import PARAMETERS
 from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
-from observer_fi.freeing import CLOSE_SHARE, WANTED_NATS
+from observer_fi.freeing import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS
 from observer_fi.improve import Improvement, to_json
 from observer_fi.latent import Latent
 from observer_fi.models import Rig, rig_toml
@@ -29,8 +29,8 @@ def improve_files(
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
-        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), handy=freed_figures.handy,
-        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE,
+        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record), handy=freed_figures.handy,
+        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
@@ -42,14 +42,19 @@ def improve_files(
 
 
 def wish(record: Improvement) -> str:
-    """One sentence: which equation the data want to free first."""
-    first = [f for f in record.freed if f.verdict == "first"]
-    if not first:
+    """Which equation the data want to free first, in a sentence."""
+    first = next((f for f in record.freed if f.verdict == "first"), None)
+    if first is None:
         return "None: no freedom in any equation makes these moves likelier than chance would."
+    return f"{EQUATIONS[first.equation].capitalize()} ({first.disturbance})."
+
+
+def likeness(record: Improvement) -> str:
+    """What the first equation cannot be told from, in sentences; empty where nothing is wanted or nothing comes near."""
     others = [EQUATIONS[f.equation] for f in record.freed if f.verdict == "close"]
-    if not others:
-        return f"{EQUATIONS[first[0].equation].capitalize()}, clearly before every other."
-    return f"{EQUATIONS[first[0].equation].capitalize()}, which these logs cannot tell from {' or '.join(others)} in this way."
+    cannot = f"These logs cannot tell it from {' or '.join(others)} in this way. " if others else ""
+    alike = next((f.alike for f in record.freed if f.verdict == "first" and f.alike), "")
+    return cannot + (f"What looks alike: {alike}." if alike else "")
 
 
 def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:

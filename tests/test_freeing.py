@@ -29,7 +29,6 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
         ("shaft_ripple", {"torque"}),
         ("winding_heating", {"electrical"}),
         ("current_offset", {"sensor:current"}),
-        ("position_lag", {"sensor:position", "kinematics"}),
         ("current_lag", {"servo"}),
     ],
 )
@@ -54,6 +53,12 @@ def test_the_pitch_sensor_stands_beside_a_load_torque():
     assert (torque.verdict, pitch.verdict) == ("first", "close")
     assert pitch.gain == pytest.approx(torque.gain, rel=CLOSE_SHARE)
     assert pitch.rms == pytest.approx(torque.rms / RIG.model["B"], rel=0.3)
+
+
+def test_a_position_gain_is_told_with_the_screw():
+    rows, _ = free_equations(*refitted([hide("position_gain", 9000)], RIG))
+    told = {row.equation for row in rows if row.verdict in ("first", "close")}
+    assert told == {"kinematics", "sensor:position"}
 
 
 def test_an_extended_rig_that_has_the_effect_wants_less():
