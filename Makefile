@@ -10,7 +10,7 @@ BENCH_READY := $(VENV)/.installed-bench
 # The sample logs: those that need a column map live in a folder of their own and are not diagnosed here.
 LOGS := $(sort $(wildcard data/*.csv.gz data/*.csv))
 # The pipelines whose reports are committed; those of recorded data only where they are.
-STUDIES := $(addprefix pipelines/,reproduce_paper.py compare_mixture.py diagnose_study.py identify_study.py improve_study.py)
+STUDIES := $(addprefix pipelines/,reproduce_paper.py compare_mixture.py diagnose_study.py identify_study.py diffusion_study.py improve_study.py)
 STUDIES += $(if $(OBSERVER_FI_DATA),pipelines/identify_emps.py pipelines/improve_emps.py)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 

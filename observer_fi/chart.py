@@ -79,6 +79,20 @@ class Panel:
                 f'stroke-linejoin="round"{style}/>'
             )
 
+    def ribbon(self, x: Array, low: Array, high: Array, colour: str, opacity: float = 0.25) -> None:
+        """The area between two lines, broken where one is NaN; of a column of a pixel the extremes are kept."""
+        px, top, bottom = self.at_x(x), self.at_y(high), self.at_y(low)
+        far = (self.top - 2 * self.height, self.top + 3 * self.height)
+        good = np.isfinite(px) & np.isfinite(top) & np.isfinite(bottom)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], good.view(np.int8), [0]))))
+        path = ""
+        for first, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            there = path_of(px[first:stop], top[first:stop], *far)
+            back = path_of(px[first:stop][::-1], bottom[first:stop][::-1], *far)
+            path += f"{there}L{back[1:]}Z"
+        if path:
+            self.parts.append(f'<path d="{path}" fill="{colour}" opacity="{opacity:g}"/>')
+
     def points(self, x: Array, y: Array, colour: str, size: float = 1.8, opacity: float = 1.0) -> None:
         """Dots, as one path."""
         px, py = self.at_x(x), self.at_y(y)

@@ -191,6 +191,14 @@ def whitened(experiment: Experiment, r: Array) -> Array:
     return r
 
 
+def unwhitened(experiment: Experiment, r: Array) -> Array:
+    """Normalised residuals or columns (N, 3) as they were before `whitened`."""
+    r = r.copy()
+    for m, doubt in enumerate(experiment.doubts):
+        less_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
+    return r
+
+
 def _part(
     log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array, model: Model
 ) -> dict | None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ from observer_fi.empirical import Kept, keep
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
 from observer_fi.fitting import FitResult, Free, fit, nll_per_sample, whiteness
+from observer_fi.freeing import FreedEquation
+from observer_fi.latent import Latent, free_equations
 from observer_fi.models import Model, Rig, override, with_curve, with_values
 from observer_fi.naming import (
     Named,
@@ -88,7 +90,8 @@ class Improvement:
 
     kept: the curve that stands for what is unexplained in the extended rig, if it was asked for (keep_unexplained) and helps.
     detectable: for each cause the smallest size that this log could have shown (five standard errors), by parameter,
-    or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats.
+    or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats. freed: for each
+    equation of the refitted rig how much the data want it free, the most wanted first; latents: what that looks like.
     """
 
     rig: Rig
@@ -106,6 +109,8 @@ class Improvement:
     refused: tuple[tuple[str, float], ...]
     before: Residuals
     after: Residuals
+    freed: tuple[FreedEquation, ...]
+    latents: tuple[Latent, ...]
 
 
 def improve(
@@ -125,6 +130,8 @@ def improve(
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
     model = _with_stops(experiment, logs, rig)
     naming = name_causes(experiment, rig, model, settings, progress)
+    progress("which equation the data want to free")
+    freed, latents = free_equations(experiment, naming.baseline)
     progress("what stays unexplained")
     before = held_out_residuals(experiment, naming.baseline)
     left = _unexplained(experiment, naming)
@@ -152,6 +159,8 @@ def improve(
         naming.refused,
         residual_tables(experiment, naming.baseline),
         residual_tables(experiment, naming.extended),
+        freed,
+        latents,
     )
 
 
@@ -161,6 +170,13 @@ def _extended(rig: Rig, naming: Naming, kept: Kept | None) -> Rig:
     values |= {name: v for n in naming.named for name, v in n.candidate.variant.fixed}
     extended = with_values(rig, values, naming.extended.std, "improve")
     return with_curve(extended, kept.curve) if kept else extended
+
+
+def refitted(logs: Sequence[Log], rig: Rig) -> tuple[Experiment, FitResult]:
+    """The moves of logs, and the refitted rig before any cause is tried."""
+    experiment = replace(prepare(logs, rig), steps=_STEPS)
+    model = _with_stops(experiment, logs, rig)
+    return experiment, fit(experiment, model, base_parameters(rig, model))
 
 
 def _with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
@@ -206,6 +222,7 @@ def to_json(record: Improvement) -> dict[str, Any]:
             for u in record.unexplained
         ],
         "extended": _measure_json(record.extended),
+        "freed": [asdict(row) for row in record.freed],
     } | ({"kept": _kept_json(record, record.kept)} if record.kept else {})
 
 

@@ -3,12 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from observer_fi import learning_figures
+from observer_fi import freed_figures, learning_figures
 from observer_fi.actuator import PARAMETERS
 from observer_fi.curve import is_possible
 from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
+from observer_fi.freeing import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS
 from observer_fi.improve import Improvement, to_json
+from observer_fi.latent import Latent
 from observer_fi.models import Rig, rig_toml
 from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import environment, json_text, number, versions
@@ -23,17 +25,37 @@ def improve_files(
     gain: `diagnose` with either rig. shown: what each log holds.
     """
     drawn = learning_figures.of_improve(record)
+    latents = freed_figures.of_freed(record.latents)
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
-        causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(), not_kept=not_kept(record),
+        causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
+        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
+        handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE, not_kept=not_kept(record),
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
         "report.html": html,
         "rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
+        **{f"latent_{k + 1}.svg": svg for k, svg in enumerate(latents)},
     }
+
+
+def wish(record: Improvement) -> str:
+    """Which equation the data want to free first, in a sentence."""
+    first = next((f for f in record.freed if f.verdict == "first"), None)
+    if first is None:
+        return "None: no freedom in any equation makes these moves likelier than chance would."
+    return f"{EQUATIONS[first.equation].capitalize()} ({first.disturbance})."
+
+
+def likeness(record: Improvement) -> str:
+    """What the first equation cannot be told from, in sentences; empty where nothing is wanted or nothing comes near."""
+    others = [EQUATIONS[f.equation] for f in record.freed if f.verdict == "close"]
+    cannot = f"These logs cannot tell it from {' or '.join(others)} in this way. " if others else ""
+    alike = next((f.alike for f in record.freed if f.verdict == "first" and f.alike), "")
+    return cannot + (f"What looks alike: {alike}." if alike else "")
 
 
 def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:
@@ -57,6 +79,21 @@ def not_kept(record: Improvement) -> str:
     if not any(is_possible(u.equation, u.regressor, u.directed) for u in record.unexplained):
         return _NOT_KNOWN
     return _NOT_HELD if record.keep_unexplained else _NOT_ASKED
+
+
+EQUATIONS = {
+    "torque": "the torque balance", "electrical": "the electrical equation", "servo": "the servo",
+    "kinematics": "the screw", "contact": "the stops", "sensor:position": "the position sensor",
+    "sensor:current": "the current sensor", "sensor:voltage": "the voltage sensor", "sensor:pitch": "the pitch sensor",
+}  # fmt: skip
+
+
+def shape(latent: Latent) -> str:
+    """What a disturbance goes with, in a sentence."""
+    if not latent.goes_with:
+        return "No quantity below predicts more than half of it in moves that were left out."
+    names = [f"the {plain(name)} ({100.0 * latent.curves[name].share:.0f} %)" for name in latent.goes_with]
+    return f"It goes best with {' or '.join(names)}."
 
 
 def held(shown: Excitation) -> str:

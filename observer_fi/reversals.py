@@ -18,7 +18,7 @@ from observer_fi.records import Array
 
 # s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.
 _HELD_S = 1e-4
-_CAUGHT_A = (
+CAUGHT_A = (
     2e-3  # 1-sigma of the current in the rest after a stop: it depends on the instant when friction catches
 )
 _LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the noise
@@ -30,11 +30,17 @@ _STILL = 3.0  # rad/s: five times the noise of the measured speed
 
 
 class Doubt(NamedTuple):
-    """Directions of one move's stop: first row within the move, orthonormal (K, 3 n), and the share taken of each."""
+    """Directions of one move's stop: first row within the move, orthonormal (K, 3 n), and the share taken of each.
+
+    kicks: row within the move and standard deviation of the step in speed [rad/s] at every reversal; still: the row from
+    which friction holds the mass, and the current is open by `CAUGHT_A`.
+    """
 
     first: int
     directions: Array
     share: Array
+    kicks: tuple[tuple[int, float], ...] = ()
+    still: int = 0
 
 
 def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
@@ -43,17 +49,19 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     fast = np.flatnonzero(np.abs(_smooth(w)) > _STILL)
     kicks = _reversals(t, w, brake)
     if not kicks or not fast.size:
-        return Doubt(t.size, np.empty((0, 0)), np.empty(0))
+        return Doubt(t.size, np.empty((0, 0)), np.empty(0), (), t.size)
     still = t[fast[-1]]
+    steps = tuple((int(np.searchsorted(t, at)), _HELD_S * abs(slope)) for at, slope in kicks)
     source = np.abs(z[:, 0] + model["Rs"] * z[:, 1])
     full = source > _FULL * max(float(source.max()), model["Vmax"])
     first = int(np.searchsorted(t, kicks[0][0]))
     t, weight, full = t[first:], weight[first:], full[first:]
-    caught = np.where(t > still, _CAUGHT_A, 0.0)[:, None] * np.array([model["Rm"], 1.0, 0.0])
+    caught = np.where(t > still, CAUGHT_A, 0.0)[:, None] * np.array([model["Rm"], 1.0, 0.0])
     speeds = [_HELD_S * slope * _response(t - at, still - at, full, model) for at, slope in kicks]
     B = np.array([*speeds, caught]) * weight
     _, size, v = np.linalg.svd(B.reshape(len(B), -1), full_matrices=False)
-    return Doubt(first, v * (weight.ravel() > 0.0), 1.0 - 1.0 / np.sqrt(1.0 + size**2))
+    share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
 
 
 def less_doubt(r: Array, doubt: Doubt) -> None:

@@ -1,6 +1,7 @@
 """`improve` on logs whose plant is the package's own: findings, none where there is none, and the contract's keys."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from observer_fi.diagnosis_gain import Worth
 from observer_fi.errors import UsageError
 from observer_fi.fitting import whiteness
 from observer_fi.improve import Improvement, improve, to_json
-from observer_fi.learning_report import improve_files
+from observer_fi.learning_report import improve_files, likeness, wish
 from observer_fi.models import load_rig, with_values
 from observer_fi.segment import Excitation
 
@@ -52,7 +53,7 @@ def test_the_extended_rig_carries_what_was_found(sticky):
 
 def test_json_has_the_keys_of_the_contract(sticky):
     table = json.loads(json.dumps(to_json(sticky)))
-    assert list(table) == ["schema", "baseline", "refit", "findings", "unexplained", "extended"]
+    assert list(table) == ["schema", "baseline", "refit", "findings", "unexplained", "extended", "freed"]
     assert table["schema"] == "observer-fi/improve/1"
     assert set(table["baseline"]["rmse"]) == {"current_a", "position_m", "speed_rad_s"}
     finding = table["findings"][0]
@@ -60,6 +61,13 @@ def test_json_has_the_keys_of_the_contract(sticky):
         "cause", "equation", "parameters", "evidence", "gain", "indistinguishable_from", "separate_by",
     }  # fmt: skip
     assert set(finding["gain"]) == {"heldout_nll_drop_per_sample", "heldout_rmse_ratio"}
+
+
+def test_json_tells_which_equation_the_data_want_to_free(sticky, control):
+    rows = to_json(sticky)["freed"]
+    assert rows[0]["verdict"] == "first" and rows[0]["gain"] > rows[-1]["gain"] >= 0.0
+    assert {"equation", "disturbance", "unit", "intensity", "memory", "rms", "gain_per_sample"} < set(rows[0])
+    assert {row["verdict"] for row in to_json(control)["freed"]} == {"no"}
 
 
 def test_every_cause_says_what_could_have_been_seen(control):
@@ -74,10 +82,17 @@ def test_whiteness_tells_white_from_coloured():
 
 
 def test_other_drives_are_refused():
-    from dataclasses import replace
-
     with pytest.raises(UsageError, match="pi_servo"):
         improve([campaign()], replace(RIG, drive="force"))
+
+
+def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
+    assert wish(control).startswith("None")
+    first = replace(sticky.freed[0], equation="servo", verdict="first", alike="")
+    lone = replace(sticky, freed=(first, replace(first, equation="torque", verdict="wanted")))
+    assert wish(lone).startswith("The servo (") and likeness(lone) == ""
+    close = replace(first, equation="sensor:current", verdict="close")
+    assert "cannot tell it from the current sensor" in likeness(replace(sticky, freed=(first, close)))
 
 
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
@@ -92,4 +107,6 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
     assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
     held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
     assert held in files["report.html"]
+    assert "<h2>Which equation the data want to free</h2>" in files["report.html"]
+    assert sticky.latents and files["latent_1.svg"] in files["report.html"]
     assert "8 of 8" in files["report.html"] and "40.0 ms" in files["report.html"]

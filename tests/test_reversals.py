@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_fitting import RIG, campaign
 
-from observer_fi.experiment import prepare, whitened
+from observer_fi.experiment import prepare, unwhitened, whitened
 from observer_fi.reversals import Doubt, _response, less_doubt
 
 
@@ -40,6 +40,26 @@ def test_whitening_is_the_root_of_the_covariance():
     expected = np.concatenate([r[:1].ravel(), vectors @ np.diag(values**-0.5) @ vectors.T @ r[1:].ravel()])
     less_doubt(r, Doubt(1, v, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
     assert r.ravel() == pytest.approx(expected)
+
+
+def test_whitening_can_be_undone():
+    experiment = prepare([campaign(seed=11)], RIG)
+    r = np.random.default_rng(2).normal(size=(experiment.t.size, 3)) * (experiment.weight > 0.0)
+    white = whitened(experiment, r.copy())
+    assert np.abs(white - r).max() > 0.1
+    assert unwhitened(experiment, white) == pytest.approx(r, abs=1e-9)
+
+
+def test_steps_in_speed_are_told_with_their_rows():
+    experiment = prepare([campaign(seed=11)], RIG)
+    for m, doubt in enumerate(experiment.doubts):
+        rows = experiment.rows(m)
+        w = (experiment.z[rows, 0] - RIG.model["Rm"] * experiment.z[rows, 1]) / RIG.model["Km"]
+        assert doubt.kicks and doubt.first <= doubt.kicks[0][0] <= doubt.kicks[-1][0] <= doubt.still
+        for row, std in doubt.kicks:
+            assert w[row - 4] * w[row + 4] < 0.0
+            assert std == pytest.approx(1e-4 * abs(w[row + 3] - w[row - 3]) * 1600.0 / 6.0, rel=0.3)
+        assert np.abs(w[doubt.still + 2 :]).max() < 4.0
 
 
 def test_a_speed_lost_at_a_reversal_is_hardly_seen():
