@@ -70,7 +70,7 @@ def residual_curves(before: Residuals, after: Residuals, channel: int = 1) -> st
     names = [n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2]
     columns, width, height = 3, 255.0, 120.0
     rows = -(-len(names) // columns)
-    figure = Figure("curves", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor")
+    figure = Figure(f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor")
     for k, name in enumerate(names):
         label, scale = REGRESSORS[name]
         one, two = before.curves[name], after.curves.get(name, before.curves[name])
@@ -157,6 +157,8 @@ def of_improve(record: Improvement) -> dict[str, str]:
     drawn = {
         "over_time": residuals_over_time(record.before, record.after),
         "curves": residual_curves(record.before, record.after),
+        "curves_voltage": residual_curves(record.before, record.after, 0),
+        "curves_position": residual_curves(record.before, record.after, 2),
         "spectra": spectra(record.before, record.after),
     }
     if record.unexplained:
