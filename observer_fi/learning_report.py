@@ -29,8 +29,8 @@ def improve_files(
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
-        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record), handy=freed_figures.handy,
-        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
+        handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
