@@ -12,8 +12,11 @@ from typing import Any
 
 import numba
 
+from observer_fi import registers  # noqa: F401  (kernels may hold rows)
+
 _SOURCES = (
     "rows.py",
+    "registers.py",
     "actuator.py",
     "transition.py",
     "unscented.py",

@@ -262,7 +262,7 @@ _TABLE = (
     ),
     Cause(
         "contact_exponent", "contact", "C d^n", "Hertzian contact: n = 1.5; equation 11: n = 2",
-        _one("contact_exponent", 2.02, 1.0, 4.0),
+        _one("contact_exponent", 2.02, 0.5, 4.0),
         confused_with=("contact_damping",),
         separate_by="slow moves into the stop, 5 mm deep",
     ),

@@ -136,6 +136,25 @@ LONGEST_S = 2.5e-3  # step that the integrator takes without missing a ring of t
 MOST_MISSING = 40_000  # samples put into one gap: the last 100 s of it
 
 
+@uncounted
+def cleaned(t, z, w_cmd, pitch, before, held, out_z, out_w, out_theta):
+    """Readings (n, 3), command and pitch (n,) without what can be none, into the out arrays; the longest step of t [s].
+
+    A reading that is none is NaN, a command 0; a pitch keeps the latest there was, `held` before the first. before: t of
+    the sample before.
+    """
+    longest = 0.0
+    for k in range(t.size):
+        longest, before = max(longest, t[k] - before), t[k]
+        for c in range(3):
+            out_z[k, c] = z[k, c] if abs(z[k, c]) < LARGEST else np.nan
+        w = w_cmd[k] if w_cmd[k] == w_cmd[k] else 0.0
+        out_w[k] = min(max(w, -LARGEST), LARGEST)
+        held = pitch[k] if abs(pitch[k]) < np.inf else held
+        out_theta[k] = min(max(held, -180.0), 180.0)
+    return longest
+
+
 class LogStream:
     """A log chunk by chunk, with a missing sample wherever its clock has a gap, and NaN for what can be no reading."""
 
@@ -148,14 +167,15 @@ class LogStream:
         if not self.longest:
             usual = usual_step(log.t) if log.t.size > 1 else 0.0
             self.longest = max(LONGEST_S, 3.0 * usual)
-        z = np.where(np.abs(log.z) < LARGEST, log.z, np.nan)
-        w = np.clip(np.nan_to_num(log.w_cmd), -LARGEST, LARGEST)
-        theta = np.clip(_held(log.pitch, self.theta), -180.0, 180.0)
-        before = np.append(self.t if np.isfinite(self.t) else log.t[0], log.t[:-1])
-        pieces = np.ceil((log.t - before) / self.longest - 1e-6).clip(1, MOST_MISSING).astype(np.int64)
-        own = np.ones(log.t.size, dtype=np.bool_)
+        n, first = log.t.size, self.t if np.isfinite(self.t) else log.t[0]
+        z, w, theta = np.empty((n, 3)), np.empty(n), np.empty(n)
+        values = (np.ascontiguousarray(a, dtype=np.float64) for a in (log.t, log.z, log.w_cmd, log.pitch))
+        gap = cleaned(*values, first, self.theta, z, w, theta)
+        own = np.ones(n, dtype=np.bool_)
         filled = replace(log, z=z, w_cmd=w, pitch=theta)
-        if pieces.max() > 1:
+        if gap > self.longest:
+            before = np.append(first, log.t[:-1])
+            pieces = np.ceil((log.t - before) / self.longest - 1e-6).clip(1, MOST_MISSING).astype(np.int64)
             filled, own = self._filled(filled, before, pieces)
         self.t, self.w, self.theta = log.t[-1], w[-1], theta[-1]
         return filled, own
@@ -171,10 +191,3 @@ class LogStream:
         theta = np.interp(t, known, np.append(self.theta, log.pitch))
         z = np.where(own[:, None], log.z[rows], np.nan)
         return replace(log, t=t, z=z, w_cmd=w, pitch=theta), own
-
-
-def _held(values: Array, last: float) -> Array:
-    """`values` with the latest finite one, or `last`, in place of what is not finite."""
-    good = np.isfinite(values)
-    at = np.maximum.accumulate(np.where(good, np.arange(values.size), -1))
-    return np.where(at >= 0, values[np.maximum(at, 0)], last)

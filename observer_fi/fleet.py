@@ -21,7 +21,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.figures import colour_of
 from observer_fi.ingest import log_name
 from observer_fi.models import Rig, rig_toml
-from observer_fi.output import write_file, write_folder
+from observer_fi.output import clear_leftovers, write_file, write_folder
 from observer_fi.records import Outcome
 from observer_fi.settings import Settings
 
@@ -214,6 +214,8 @@ def run(
             error = future.exception()
             yield future.result() if error is None else bad_row(log, "failed", _words(error))
             future.release()
+    for name in logs.values():  # a worker that was killed while it wrote could not do it
+        clear_leftovers(job.out / name)
 
 
 def _words(error: BaseException) -> str:

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from observer_fi.actuator import PARAMETERS
+from observer_fi.curve import is_curve, to_table
 from observer_fi.effects import CAUSES
+from observer_fi.empirical import Kept, keep
 from observer_fi.errors import UsageError
 from observer_fi.experiment import Experiment, prepare
 from observer_fi.fitting import FitResult, Free, fit, nll_per_sample, whiteness
 from observer_fi.freeing import FreedEquation
 from observer_fi.latent import Latent, free_equations
-from observer_fi.models import Model, Rig, override, with_values
+from observer_fi.models import Model, Rig, override, with_curve, with_values
 from observer_fi.naming import (
     Named,
     Naming,
@@ -86,6 +88,7 @@ class FoundCause:
 class Improvement:
     """Everything that a report on `improve` needs.
 
+    kept: the curve that stands for what is unexplained in the extended rig, if it was asked for (keep_unexplained) and helps.
     detectable: for each cause the smallest size that this log could have shown (five standard errors), by parameter,
     or None where it cannot speak about the cause. refused: causes that were tried last, with their net nats. freed: for each
     equation of the refitted rig how much the data want it free, the most wanted first; latents: what that looks like.
@@ -100,6 +103,8 @@ class Improvement:
     refit: dict[str, Value]
     findings: tuple[FoundCause, ...]
     unexplained: tuple[Smooth, ...]
+    keep_unexplained: bool
+    kept: Kept | None
     detectable: dict[str, dict[str, float] | None]
     refused: tuple[tuple[str, float], ...]
     before: Residuals
@@ -114,8 +119,12 @@ def improve(
     moves: Sequence[Sequence[Segment]] | None = None,
     settings: NamingSettings | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    keep_unexplained: bool = False,
 ) -> Improvement:
-    """The whole of `improve` for logs of one rig. Raises UsageError for a rig that is not driven by its servo."""
+    """The whole of `improve` for logs of one rig. Raises UsageError for a rig that is not driven by its servo.
+
+    keep_unexplained: what no cause explains becomes an empirical curve of the extended rig, where it can.
+    """
     if rig.drive != "pi_servo":
         raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
@@ -125,23 +134,27 @@ def improve(
     freed, latents = free_equations(experiment, naming.baseline)
     progress("what stays unexplained")
     before = held_out_residuals(experiment, naming.baseline)
-    after = held_out_residuals(experiment, naming.extended) if naming.named else before
+    left = _unexplained(experiment, naming)
+    kept = keep(experiment, naming.extended, left) if keep_unexplained else None
+    if kept:
+        naming = replace(naming, extended=kept.fitted)
+    after = held_out_residuals(experiment, naming.extended) if naming.named or kept else before
     base, extended = (
         _measure(experiment, naming.baseline, before),
         _measure(experiment, naming.extended, after),
     )
-    values = {f.name: naming.extended.model[f.name] for f in naming.extended.free}
-    values |= {name: v for n in naming.named for name, v in n.candidate.variant.fixed}
     return Improvement(
         rig,
-        with_values(rig, values, naming.extended.std, "improve"),
+        _extended(rig, naming, kept),
         experiment,
         naming,
         base,
         extended,
         _refit(rig, naming),
         tuple(_finding(experiment, rig, naming, named, before, after) for named in naming.named),
-        _unexplained(experiment, naming),
+        left,
+        keep_unexplained,
+        kept,
         _detectable(naming),
         naming.refused,
         residual_tables(experiment, naming.baseline),
@@ -149,6 +162,14 @@ def improve(
         freed,
         latents,
     )
+
+
+def _extended(rig: Rig, naming: Naming, kept: Kept | None) -> Rig:
+    """The rig with everything that was fitted."""
+    values = {f.name: naming.extended.model[f.name] for f in naming.extended.free if not is_curve(f.name)}
+    values |= {name: v for n in naming.named for name, v in n.candidate.variant.fixed}
+    extended = with_values(rig, values, naming.extended.std, "improve")
+    return with_curve(extended, kept.curve) if kept else extended
 
 
 def refitted(logs: Sequence[Log], rig: Rig) -> tuple[Experiment, FitResult]:
@@ -202,7 +223,12 @@ def to_json(record: Improvement) -> dict[str, Any]:
         ],
         "extended": _measure_json(record.extended),
         "freed": [asdict(row) for row in record.freed],
-    }
+    } | ({"kept": _kept_json(record, record.kept)} if record.kept else {})
+
+
+def _kept_json(record: Improvement, kept: Kept) -> dict[str, Any]:
+    samples = max(int((record.experiment.weight > 0.0).any(axis=1).sum()), 1)
+    return to_table(kept.curve) | {"heldout_nll_drop_per_sample": kept.held_out / samples}
 
 
 def _measure_json(m: Measure) -> dict[str, Any]:
@@ -241,7 +267,7 @@ def _refit(rig: Rig, naming: Naming) -> dict[str, Value]:
     return {
         f.name: Value(naming.extended.model[f.name], std[f.name], rig.model[f.name], PARAMETERS[f.name][0])
         for f in naming.extended.free
-        if f.name not in terms
+        if f.name not in terms and not is_curve(f.name)
     }
 
 
@@ -303,7 +329,7 @@ def _unexplained(experiment: Experiment, naming: Naming) -> tuple[Smooth, ...]:
     best = terms[0]
     of_steps = any(best is term for term in steps)
     floor = _STEP_NATS if of_steps else least
-    price = 0.0 if of_steps else 0.5 * best.at.size * math.log(n)
+    price = 0.0 if of_steps else 0.5 * best.coefficients * math.log(n)
     if best.held_out < floor or best.gain < floor + price:
         return ()
     told: dict[tuple[str, str], Smooth] = {}

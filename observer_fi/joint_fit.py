@@ -23,6 +23,7 @@ from observer_fi.experiment import Experiment, commands, cut_moves, prepare, run
 from observer_fi.fitting import Free, inflation
 from observer_fi.kinematic_breaks import Breaks, speed_of
 from observer_fi.models import Model, Rig, override
+from observer_fi.products import along, gram, self_gram, square
 from observer_fi.records import Array, Log, Segment
 
 _ITERATIONS = 30
@@ -290,7 +291,7 @@ def _all_residuals(
 
 def _objective(values: Mapping[str, float], free: Sequence[Free], r: Sequence[Array]) -> float:
     """Half the sum of squares, priors included [nats]."""
-    total = sum(0.5 * float(np.vdot(e, e)) for e in r)
+    total = sum(0.5 * square(e) for e in r)
     if not math.isfinite(total):
         return math.inf
     return total + 0.5 * sum(((values[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
@@ -349,11 +350,11 @@ def _projected(e: Experiment, columns: Array, around: Array, r: Array) -> tuple[
     for m in range(e.moves):
         rows = e.rows(m)
         G, N, residual = columns[:, rows].reshape(k, -1), around[:, rows].reshape(2, -1), r[rows].ravel()
-        block = np.linalg.pinv(N @ N.T, rcond=_CONDITION)
-        cross = N @ G.T
-        pull[m], follow[m] = block @ (N @ residual), block @ cross
-        H += G @ G.T - cross.T @ follow[m]
-        g += G @ residual - cross.T @ pull[m]
+        block = np.linalg.pinv(self_gram(N), rcond=_CONDITION)
+        cross = gram(N, G)
+        pull[m], follow[m] = block @ along(N, residual), block @ cross
+        H += self_gram(G) - cross.T @ follow[m]
+        g += along(G, residual) - cross.T @ pull[m]
     return H, g, pull, follow
 
 

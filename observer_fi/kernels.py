@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from observer_fi import transition as tr
 from observer_fi import unscented
-from observer_fi.compiled import inlined, uncounted
+from observer_fi.compiled import compiled, inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.rows import MOST, dot, exp, get, load, log, put, store, zeros
+from observer_fi.rows import MOST, dot, exp, get, load, log, put, some, store, zeros
 from observer_fi.settings import BankSettings
 from observer_fi.unscented import UnscentedWork
 
@@ -227,10 +227,11 @@ def shown(h, p):
 
 
 @inlined
-def without(p, g, w):
-    """P - g w', where that is symmetric."""
+def without(p, w, per_S):
+    """P - w w' / S; the products wait for no division."""
     return (
-        p[0] - g[0] * w[0], p[1] - g[0] * w[1], p[2] - g[0] * w[2], p[3] - g[1] * w[1], p[4] - g[1] * w[2], p[5] - g[2] * w[2]
+        p[0] - (w[0] * w[0]) * per_S, p[1] - (w[0] * w[1]) * per_S, p[2] - (w[0] * w[2]) * per_S,
+        p[3] - (w[1] * w[1]) * per_S, p[4] - (w[1] * w[2]) * per_S, p[5] - (w[2] * w[2]) * per_S,
     )  # fmt: skip
 
 
@@ -408,16 +409,30 @@ def _predict(j, b, p, from_x, from_P, x, P, slow, t, interval, row, last, theta,
     )
     if wide:
         tr.constant_slopes(j, from_x, b.layout, w, d, i, di_dV, load_now, per_J, theta, p, b.parameters, g)
-    x[j, 0], x[j, 1], x[j, 2], d_after, resting = tr.advance(
-        j, w, I, pos, d, torque, rate, slow, t, interval, row, last, theta, p
+    (x[j, 0], x[j, 1], x[j, 2], d_after), slow_after, resting = tr.advance(
+        w,
+        I,
+        pos,
+        d,
+        torque,
+        rate,
+        tr.slow_of(j, slow),
+        t,
+        interval.shape[1] // 2,
+        interval,
+        row,
+        last,
+        theta,
+        p,
     )
+    tr.set_slow(j, slow, slow_after)
     if wide:
         store(x, j * _side(b) + 3, load(from_x, j * _side(b) + 3, b.wide))
     if at_d >= 0:
         x[j, at_d] = d_after
     change = (x[j, 0] - w) * (x[j, 0] - w)
     I_grown = b.diffusion[j, 1] * t + tune.tick * tune.tick * change
-    if resting:
+    if some(resting):
         _rest(j, b, from_P, P, t, I_grown)
         return True
     by_d = g[0, at_d] if at_d >= 0 else 0.0
@@ -504,7 +519,7 @@ def _update(
         w0, w1, w2 = shown((h0, h1, h2), p_core)
         w0, w1, w2 = w0 + hv * pv0, w1 + hv * pv1, w2 + hv * pv2
         wv = h0 * pv0 + h1 * pv1 + h2 * pv2 + hv * pvv
-        S = b.noise[c] + _doubt(j, c, tune, y, last_y) + h0 * w0 + h1 * w1 + h2 * w2 + hv * wv
+        S = (b.noise[c] + _doubt(j, c, tune, y, last_y) + h2 * w2) + (h0 * w0 + h1 * w1) + hv * wv
         per_S = 1.0 / S
         seen[j, c], spread[j, c] = e, S
         product *= S
@@ -513,17 +528,22 @@ def _update(
             nis += tune.glitch * tune.glitch
             continue
         nis += e * e * per_S
-        g0, g1, g2, gv = w0 * per_S, w1 * per_S, w2 * per_S, wv * per_S
-        x0, x1, x2, xv = x0 + g0 * e, x1 + g1 * e, x2 + g2 * e, xv + gv * e
-        p_core = without(p_core, (g0, g1, g2), (w0, w1, w2))
+        gain, gv = e * per_S, wv * per_S
+        x0, x1, x2, xv = x0 + w0 * gain, x1 + w1 * gain, x2 + w2 * gain, xv + wv * gain
+        p_core = without(p_core, (w0, w1, w2), per_S)
         pv0, pv1, pv2, pvv = pv0 - gv * w0, pv1 - gv * w1, pv2 - gv * w2, pvv - gv * wv
         if wide:
             column = row0 * h0 + row1 * h1 + row2 * h2 + row_v * hv
             store(work, c * len(b.wide), column)
-            gain = column * per_S
-            store(work, (3 + c) * len(b.wide), gain)
-            constants = constants + gain * e
-            row0, row1, row2, row_v = row0 - gain * w0, row1 - gain * w1, row2 - gain * w2, row_v - gain * wv
+            gains = column * per_S
+            store(work, (3 + c) * len(b.wide), gains)
+            constants = constants + gains * e
+            row0, row1, row2, row_v = (
+                row0 - gains * w0,
+                row1 - gains * w1,
+                row2 - gains * w2,
+                row_v - gains * wv,
+            )
     x[j, 0] += x0
     x[j, 1] += x1
     x[j, 2] += x2
@@ -947,12 +967,16 @@ class Recent(NamedTuple):
         return Recent(*(a[first:last] for a in self))
 
 
-def under_way(interval: Array, w_cmd: Array) -> NDArray[np.bool_]:
+@compiled
+def under_way(interval, w_cmd):
     """Whether each sample counts as evidence, (n,): the motor is commanded to turn and is not being stopped.
 
     A stop and the rest after it say little about the move that ended and must not overturn its verdict.
     """
-    return (w_cmd != 0.0) & (np.abs(w_cmd) >= np.abs(interval[:, 0]) * (1.0 - 1e-9))
+    out = np.empty(w_cmd.size, dtype=np.bool_)
+    for k in range(w_cmd.size):
+        out[k] = w_cmd[k] != 0.0 and abs(w_cmd[k]) >= abs(interval[k, 0]) * (1.0 - 1e-9)
+    return out
 
 
 def first_readings(z: Array) -> Array:

@@ -88,7 +88,10 @@ def free_equations(
         return float(np.sqrt(np.mean(mean[turning] ** 2))) if turning.any() else 0.0
 
     rows = freed_equations(experiment, fitted.model, freed, rms)
-    return rows, tuple(_latent(experiment, states, linear, series, one) for one in _to_draw(freed))
+    return rows, tuple(
+        _latent(experiment, states, fitted.model["screw_lead"], linear, series, one)
+        for one in _to_draw(freed)
+    )
 
 
 def _to_draw(freed: list[Freed]) -> list[Freed]:
@@ -99,11 +102,13 @@ def _to_draw(freed: list[Freed]) -> list[Freed]:
     return [f for f in (*first, *others) if f.gain >= WANTED_NATS]
 
 
-def _latent(experiment: Experiment, states: Array, linear: Linear, series: Series, freed: Freed) -> Latent:
+def _latent(
+    experiment: Experiment, states: Array, lead: float, linear: Linear, series: Series, freed: Freed
+) -> Latent:
     mean, std = smoothed(linear, series, freed.kind, freed.size, freed.memory)
     band = 1.96 * std
     w = states[:, s.W]
-    given = regressors(experiment, states)
+    given = regressors(experiment, states, lead)
     curves = (
         {name: curve_of(name, given[name], w, experiment.owner, mean, band) for name in DRAWN}
         if w.any()

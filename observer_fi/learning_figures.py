@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from observer_fi.chart import GRID, MUTED, Figure, padded
+from observer_fi.curve import Curve
 from observer_fi.improve import Improvement
 from observer_fi.records import Array, Fit
 from observer_fi.residuals import Residuals
@@ -28,6 +29,9 @@ UNITS = {
     "torque": ("torque [mN m]", 1e3),
     "electrical": ("resistance [ohm]", 1.0),
     "kinematics": ("share of travel", 1.0),
+    "sensor:position": ("position error [µm]", 1e6),
+    "sensor:current": ("current error [mA]", 1e3),
+    "sensor:voltage": ("voltage error [mV]", 1e3),
 }
 AXES = {
     "current": "current [A]", "voltage": "terminal voltage [V]", "pitch": "pitch [deg]", "torque": "motor torque [N m]",
@@ -66,7 +70,9 @@ def residual_curves(before: Residuals, after: Residuals, channel: int = 1) -> st
     names = [n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2]
     columns, width, height = 3, 255.0, 120.0
     rows = -(-len(names) // columns)
-    figure = Figure("curves", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor")
+    figure = Figure(
+        f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor"
+    )
     for k, name in enumerate(names):
         label, scale = REGRESSORS[name]
         one, two = before.curves[name], after.curves.get(name, before.curves[name])
@@ -130,15 +136,37 @@ def smooth_curves(terms: Sequence[Smooth]) -> str:
     return figure.svg()
 
 
+def kept_curve(curve: Curve) -> str:
+    """The empirical curve of the extended rig at its points, with a band of two standard errors."""
+    figure = Figure("kept", WIDTH, 240.0, "The curve that is kept")
+    label, scale = REGRESSORS[curve.regressor]
+    unit, factor = UNITS[curve.equation]
+    x = np.array([scale * (curve.first + k * curve.step) for k in range(len(curve.values))])
+    y = np.array([factor * v for v in curve.values])
+    band = np.array([2.0 * factor * v for v in curve.std or (0.0,) * y.size])
+    panel = figure.panel(LEFT, 34.0, WIDTH - LEFT - RIGHT, 140.0, padded(x), padded(y - band, y + band))
+    panel.frame(label, unit)
+    panel.level(0.0)
+    panel.line(x, y - band, MUTED, 0.8, "3 3")
+    panel.line(x, y + band, MUTED, 0.8, "3 3")
+    panel.line(x, y, AFTER, 1.4)
+    panel.points(x, y, AFTER, 4.0)
+    return figure.svg()
+
+
 def of_improve(record: Improvement) -> dict[str, str]:
     """Every figure of an improve report, {name: SVG}."""
     drawn = {
         "over_time": residuals_over_time(record.before, record.after),
         "curves": residual_curves(record.before, record.after),
+        "curves_voltage": residual_curves(record.before, record.after, 0),
+        "curves_position": residual_curves(record.before, record.after, 2),
         "spectra": spectra(record.before, record.after),
     }
     if record.unexplained:
         drawn["unexplained"] = smooth_curves(record.unexplained)
+    if record.kept:
+        drawn["kept"] = kept_curve(record.kept.curve)
     return drawn
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from observer_fi import freed_figures, learning_figures
 from observer_fi.actuator import PARAMETERS
+from observer_fi.curve import is_possible
 from observer_fi.diagnosis_gain import Worth
 from observer_fi.effects import CAUSES
 from observer_fi.freeing import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS
@@ -31,6 +32,7 @@ def improve_files(
         causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
         latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
         handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        not_kept=not_kept(record),
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
@@ -61,6 +63,23 @@ def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, An
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
     before, after = (g._asdict() for g in gain)
     return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
+
+
+_NOT_KNOWN = "The equations do not know, where it would enter them, what it depends on: no curve of it can be kept in the rig."
+_NOT_HELD = (
+    "A curve over this alone, fitted to some moves, did not hold on the others: it was not kept in the rig."
+)
+_NOT_ASKED = (
+    "Option --keep-unexplained fits it as an empirical curve of the rig, "
+    "and keeps it if it holds on moves that its fit never saw."
+)
+
+
+def not_kept(record: Improvement) -> str:
+    """Why what is unexplained does not stand in the extended rig."""
+    if not any(is_possible(u.equation, u.regressor, u.directed) for u in record.unexplained):
+        return _NOT_KNOWN
+    return _NOT_HELD if record.keep_unexplained else _NOT_ASKED
 
 
 EQUATIONS = {

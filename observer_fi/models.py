@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from observer_fi import curve as curves
 from observer_fi.actuator import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
+from observer_fi.curve import Curve, curve_of, is_curve
 from observer_fi.errors import UsageError
 from observer_fi.records import Array
 
@@ -35,10 +37,10 @@ class Model:
 
     @property
     def vector(self) -> Array:
-        """(VECTOR_SIZE,) what the equations take; the last slot says whether any effect is away from neutral."""
+        """(VECTOR_SIZE,) what the equations take; the last slot says whether any effect is away from neutral, or a curve kept."""
         p = np.empty(VECTOR_SIZE)
         p[:EXTENDED] = self.values
-        p[EXTENDED] = float(bool(self.effects))
+        p[EXTENDED] = float(bool(self.effects) or self["curve_of"] != 0.0)
         return p
 
     @property
@@ -47,7 +49,10 @@ class Model:
         return tuple(
             name
             for name, value in zip(NAMES, self.values, strict=True)
-            if PARAMETERS[name][1] is not None and name not in _SHAPES and value != PARAMETERS[name][1]
+            if PARAMETERS[name][1] is not None
+            and name not in _SHAPES
+            and not is_curve(name)
+            and value != PARAMETERS[name][1]
         )
 
 
@@ -60,7 +65,7 @@ def unknown_name(given: str, known: tuple[str, ...], what: str) -> UsageError:
 
 def _position(parameter: str) -> int:
     if parameter not in INDEX:
-        raise unknown_name(parameter, NAMES, "parameter")
+        raise unknown_name(parameter, tuple(n for n in NAMES if not is_curve(n)), "parameter")
     return INDEX[parameter]
 
 
@@ -123,6 +128,12 @@ class Rig:
         return Model("nominal", tuple(values))
 
     @property
+    def curve(self) -> Curve | None:
+        """The empirical curve that was kept, if any."""
+        values = {name: q.value for name, q in self.quantities.items()}
+        return curve_of(values, {name: q.std for name, q in self.quantities.items() if q.std is not None})
+
+    @property
     def has_servo(self) -> bool:
         """Whether the equations of the servo are given (3 to 6); without them the measured current is what drives."""
         return self.drive == "pi_servo"
@@ -179,7 +190,7 @@ def _rig_path(path: str | Path) -> Path:
     return packaged if not given.suffix and not given.exists() and packaged.exists() else given
 
 
-_TOP = ("name", "description", "drive", "source", "noise", "parameters")
+_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve")
 _QUANTITY = ("value", "unit", "method", "source", "spread", "std")
 _NOISE = ("voltage", "current", "position")
 
@@ -192,6 +203,10 @@ def _rig_from_table(table: dict, where: str) -> Rig:
             raise unknown_name(drive, DRIVES, "drive")
         _check_keys(table.get("noise", {}), _NOISE, "noise channel")
         quantities = {name: _quantity(name, entry) for name, entry in table.get("parameters", {}).items()}
+        if "curve" in table:
+            if drive == "force":
+                raise UsageError("a curve needs moves that are simulated: not for drive 'force'")
+            quantities |= _curve_quantities(curves.from_table(table["curve"]))
         missing = [n for n in required_parameters(drive) if n not in quantities]
         if missing:
             raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
@@ -231,6 +246,8 @@ def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:
 
 def _quantity(name: str, given: object) -> Quantity:
     _position(name)
+    if is_curve(name):
+        raise UsageError(f"{name}: a curve stands in the table [curve]")
     entry: dict = given if isinstance(given, dict) else {"value": given}
     _check_keys(entry, _QUANTITY, f"key of {name}")
     value = entry.get("value")
@@ -250,10 +267,26 @@ def _quantity(name: str, given: object) -> Quantity:
     )
 
 
+def with_curve(rig: Rig, curve: Curve) -> Rig:
+    """`rig` with an empirical curve, in place of any other."""
+    kept = {name: q for name, q in rig.quantities.items() if not is_curve(name)}
+    return replace(rig, quantities=kept | _curve_quantities(curve))
+
+
+def _curve_quantities(curve: Curve) -> dict[str, Quantity]:
+    std = dict(zip(curve.names, curve.std, strict=False))
+    return {
+        name: Quantity(value, PARAMETERS[name][0], std=std.get(name))
+        for name, value in curves.parameters(curve).items()
+    }
+
+
 def rig_toml(rig: Rig) -> str:
     """The rig as the text of a TOML file that `load_rig` reads back to an equal rig."""
     parameters = {}
     for name, q in rig.quantities.items():
+        if is_curve(name):
+            continue
         entry: dict[str, object] = {"value": q.value, "unit": q.unit}
         entry |= {
             k: v
@@ -261,6 +294,8 @@ def rig_toml(rig: Rig) -> str:
             if v
         }
         parameters[name] = entry
-    table = {"name": rig.name, "description": rig.description, "drive": rig.drive}
+    table: dict[str, object] = {"name": rig.name, "description": rig.description, "drive": rig.drive}
     table |= {"source": rig.source} if rig.source else {}
-    return tomli_w.dumps({**table, "noise": dict(rig.noise), "parameters": parameters})
+    table |= {"noise": dict(rig.noise), "parameters": parameters}
+    curve = rig.curve
+    return tomli_w.dumps(table | ({"curve": curves.to_table(curve)} if curve else {}))

@@ -36,6 +36,7 @@ _EXACT = 2  # refits of a round that may be done anew, exactly
 _BEHIND = 0.05  # of its score that a refit may miss
 _DUST = 0.001
 _DUST_NOISE = 0.07
+_POSITION, _POSITION_DUST = 2, 0.05  # channel, and its share
 
 
 @dataclass(frozen=True)
@@ -96,10 +97,19 @@ def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
     for name, relative in names.items():
         value = rig.model[name]
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
-    for name in ("x_stop_high", "x_stop_low"):
-        if math.isfinite(model[name]):
-            free.append(Free(name, 2e-6, -1.0, 1.0, model[name], 1e-2))
-    return (*free, _SERVO_DELAY, _TICK_PHASE)
+    return (*free, *_stops(model), _SERVO_DELAY, _TICK_PHASE)
+
+
+def _stops(model: Model) -> tuple[Free, ...]:
+    """Where the rails end. Two stops keep half of their distance: with a wrong law of contact they would change places."""
+    low, high = model["x_stop_low"], model["x_stop_high"]
+    apart = 0.25 * (high - low)
+    free = []
+    if math.isfinite(high):
+        free.append(Free("x_stop_high", 2e-6, max(high - apart, -1.0), 1.0, high, 1e-2))
+    if math.isfinite(low):
+        free.append(Free("x_stop_low", 2e-6, -1.0, min(low + apart, 1.0), low, 1e-2))
+    return tuple(free)
 
 
 def excess(experiment: Experiment, r: Array) -> float:
@@ -114,6 +124,11 @@ def dust(experiment: Experiment, most: float) -> float:
     0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise.
     """
     return max(_DUST * most, 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum()))
+
+
+def position_dust(experiment: Experiment, most: float) -> float:
+    """The same for a gain in the position alone, 5 % of its noise: the timing of a servo does not reach it [nats]."""
+    return max(_DUST * most, 0.5 * _POSITION_DUST**2 * int((experiment.weight[:, _POSITION] > 0.0).sum()))
 
 
 def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
@@ -240,14 +255,14 @@ def _matters(
     most: the excess of the baseline [nats].
     """
     gain = before.objective - after.objective
-    if gain < dust(experiment, most):
+    won = 0.5 * np.sum(before.residuals**2 - after.residuals**2, axis=0)
+    if gain < dust(experiment, most) and min(gain, won[_POSITION]) < position_dust(experiment, most):
         return False
     if gain >= settings.share * excess(experiment, before.residuals):
         return True
     for c in range(3):
         left = channel_excess(experiment, before.residuals, c)
-        won = 0.5 * float(np.sum(before.residuals[:, c] ** 2) - np.sum(after.residuals[:, c] ** 2))
-        if left > 0.0 and won >= settings.channel_share * left:
+        if left > 0.0 and won[c] >= settings.channel_share * left:
             return True
     return False
 

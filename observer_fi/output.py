@@ -1,6 +1,7 @@
 """Files and folders that are written whole or not at all: into a temporary neighbour first, then renamed."""
 
 import contextlib
+import glob
 import os
 import shutil
 import tempfile
@@ -42,6 +43,13 @@ def write_folder(folder: Path, files: Mapping[str, str | bytes]) -> None:
         except BaseException:
             shutil.rmtree(fresh, ignore_errors=True)
             raise
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what a process that was killed while it wrote `folder` left beside it. Nobody may be writing it now."""
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*"):
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _swap(fresh: Path, folder: Path) -> None:

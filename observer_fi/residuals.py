@@ -53,7 +53,7 @@ def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
     sign = np.sign(states[:, s.W])
     curves = {
         name: _curve(values, r if name.endswith("_angle") else r * sign[:, None])
-        for name, values in regressors(experiment, states).items()
+        for name, values in regressors(experiment, states, fitted.model["screw_lead"]).items()
     }
     curves["direction"] = _curve(sign, r)
     return Residuals(

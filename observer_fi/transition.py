@@ -3,7 +3,8 @@
 Both engines (`observers.py` on filterpy, `kernels.py` compiled) call these functions; nothing else knows how the
 states of a hypothesis enter the equations of `actuator.py`.
 
-Functions take the arrays of a whole bank and the row j of a hypothesis: a slice costs more than an equation.
+Functions take the arrays of a whole bank and the row j of a hypothesis: a slice costs more than an equation. Those that take
+numbers alone take rows of them as well (`rows.py`): several logs side by side.
 
 A state vector starts with w [rad/s], I [rad], x [m]; the rest is given by `kinds`, one code a state: D_STATE the
 indentation of a stop [m], TORQUE and RATE the free disturbances of "none of these" [N m, m/s], and
@@ -19,12 +20,14 @@ import numpy as np
 
 from observer_fi import actuator as a
 from observer_fi.compiled import inlined
+from observer_fi.rows import above, exp, nothing, seldom, signed, some
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
 PHI, H, SAG, LAGGED = range(4)
 SLOW = 4
 REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
+SIXTH = 1.0 / 6.0
 STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
 # A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1.
@@ -67,11 +70,17 @@ def load_parameters(j, x, at, base, p):
 
 
 @inlined
-def _current(w, I, c, h, sag, w_cmd, p):
+def _commanded(w, I, c, w_cmd, p):
+    """Current that the servo asks for: equation 3, or the lagged current c where it lags [A]."""
     i_cmd = a.command_current(w, I, w_cmd, p)
-    if p[a.EXTENDED] != 0.0 and p[a.CURRENT_LAG] > 0.0:
-        i_cmd = c
-    return a.limited_current(i_cmd, w, h, sag, p)
+    if seldom(p[a.EXTENDED]):
+        i_cmd = above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
+    return i_cmd
+
+
+@inlined
+def _current(w, I, c, h, sag, w_cmd, p):
+    return a.limited_current(_commanded(w, I, c, w_cmd, p), w, h, sag, p)
 
 
 @inlined
@@ -80,8 +89,8 @@ def _rates(s, w, I, x, d, phi, h, sag, c, w_cmd, theta, torque, rate, p):
     load = a.applied_torque(s, w, x, d, phi, theta, p) + torque
     dx = a.mass_speed(w, d, load, p) + rate
     dI = w_cmd - w
-    if abs(I) >= p[a.INTEGRATOR_LIMIT] and dI * I > 0.0:
-        dI = 0.0
+    if seldom(p[a.EXTENDED]):
+        dI = above(dI * I, 0.0, above(p[a.INTEGRATOR_LIMIT], abs(I), dI, 0.0), dI)
     return a.acceleration(i, load, p), dI, dx
 
 
@@ -91,7 +100,7 @@ def _slide(s, w, I, x, d, phi, h, sag, c, t, c0, mean, theta, torque, rate, p):
 
     At 0.7 ms and 22 Hz its error is 2e-4 of a step's change, far below the noise; docs/decisions has the comparison.
     """
-    on = 1.0 if p[a.CONTACT] != 0.0 else 0.0
+    on = above(abs(p[a.CONTACT]), 0.0, 1.0, 0.0)
     half = 0.5 * t
     w1, I1, x1 = _rates(s, w, I, x, d, phi, h, sag, c, c0, theta, torque, rate, p)
     w2, I2, x2 = _rates(
@@ -104,73 +113,94 @@ def _slide(s, w, I, x, d, phi, h, sag, c, t, c0, mean, theta, torque, rate, p):
 @inlined
 def _breakaway(I, x, d, phi, h, sag, c, w_cmd, theta, torque, p):
     """Sign in which the drive overcomes friction at rest; 0 where friction holds."""
-    i = _current(0.0, I, c, h, sag, w_cmd, p)
-    push = p[a.KM] * i - a.load_torque(0.0, x, d, phi, theta, p) - torque
-    hold = a.friction(0.0, x, theta, p)
-    if push > hold + p[a.FRICTION_ASYMMETRY]:
-        return 1.0
-    if push < p[a.FRICTION_ASYMMETRY] - hold:
-        return -1.0
-    return 0.0
+    still = nothing(I)
+    push = (
+        p[a.KM] * _current(still, I, c, h, sag, w_cmd, p) - a.load_torque(still, x, d, phi, theta, p) - torque
+    )
+    hold, asymmetry = a.friction(still, x, theta, p), p[a.FRICTION_ASYMMETRY]
+    return above(push, asymmetry + hold, 1.0, above(asymmetry - hold, push, -1.0, still))
 
 
 @inlined
-def _advance_slow(j, w0, w1, I, t, w_cmd, slow, p):
-    slow[j, PHI] += 0.5 * t * (w0 + w1)
-    if p[a.EXTENDED] == 0.0:
-        return
-    i = _current(w1, I, slow[j, LAGGED], slow[j, H], slow[j, SAG], w_cmd, p)
-    slow[j, H] += t * a.heating(i, slow[j, H], p)
-    slow[j, SAG] += t * a.sagging(i, slow[j, SAG], p)
-    if p[a.CURRENT_LAG] > 0.0:
-        goal = a.command_current(w1, I, w_cmd, p)
-        slow[j, LAGGED] = goal + (slow[j, LAGGED] - goal) * math.exp(-t / p[a.CURRENT_LAG])
+def _advance_slow(w0, w, I, t, w_cmd, slow, p):
+    """Slow states (phi, h, sag, c) a step later."""
+    phi, h, sag, c = slow
+    phi = phi + 0.5 * t * (w0 + w)
+    if seldom(p[a.EXTENDED]):
+        i = _current(w, I, c, h, sag, w_cmd, p)
+        h = h + t * a.heating(i, h, p)
+        sag = sag + t * a.sagging(i, sag, p)
+        if seldom(p[a.CURRENT_LAG]):
+            goal = a.command_current(w, I, w_cmd, p)
+            lag = p[a.CURRENT_LAG]
+            c = above(lag, 0.0, goal + (c - goal) * exp(-t / above(lag, 0.0, lag, 1.0)), c)
+    return phi, h, sag, c
 
 
 @inlined
 def sign_of(w):
     """Sign of motion, 0 at rest."""
-    return 1.0 if w > 0.0 else (-1.0 if w < 0.0 else 0.0)
+    return above(w, 0.0, 1.0, above(0.0, w, -1.0, nothing(w)))
 
 
 @inlined
-def advance(j, w, I, pos, d, torque, rate, slow, t, interval, row, last, theta, p):
-    """Mean a sample later: (w, I, x, d, whether the motor rests at the end); row j of slow is overwritten.
+def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
+    """One step with stick and slip: (w, I, x, d, 1 where the motor rests at its end, else 0).
 
-    t: time step [s]. interval (rows, 2 m): command at the half-steps in its row `row`, `last` at the end [rad/s].
+    A speed that passes zero is cut there, and the rest of the step goes on from standstill; `left` is what is still to go.
     """
-    steps = interval.shape[1] // 2
-    step = t / steps
-    resting = False
+    phi, h, sag, c = slow
+    resting, left = nothing(w), step + nothing(w)
+    for _ in range(3):
+        s = sign_of(w)
+        if seldom(1.0 - abs(s)):
+            s = above(abs(s), 0.0, s, _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p))
+            held = above(abs(s), 0.0, 0.0, left)
+            I, pos, resting = I + held * mean, pos + held * rate, above(held, 0.0, 1.0, resting)
+            left = left - held
+            if not some(left):
+                break
+        w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, left, c0, mean, theta, torque, rate, p)
+        back = -(w1 * s)
+        if not seldom(above(back, 0.0, 1.0, 0.0)):
+            w, I, pos, d = w1, I1, x1, d1
+            break
+        share = above(abs(w), 0.0, w / (w - w1), 1.0)
+        w, left = above(back, 0.0, 0.0, w1), above(back, 0.0, left * (1.0 - share), 0.0)
+        I, pos = above(back, 0.0, I + share * (I1 - I), I1), above(back, 0.0, pos + share * (x1 - pos), x1)
+        d, left = above(back, 0.0, d + share * (d1 - d), d1), above(left, STOPS_WITHIN * step, left, 0.0)
+        if not some(left):
+            break
+    return w, I, pos, d, resting
+
+
+@inlined
+def advance(w, I, pos, d, torque, rate, slow, t, steps, interval, row, last, theta, p):
+    """Mean a sample later: (w, I, x, d), the slow states, and 1 where the motor rests at the end, else 0.
+
+    slow: (phi, h, sag, c). t: time step [s], in `steps` steps. interval (rows, 2 steps): command at the half-steps in its
+    row `row`, `last` at the end [rad/s].
+    """
+    step, resting = t * (1.0 / steps), nothing(w)
     for m in range(steps):
         c0, c1 = interval[row, 2 * m], interval[row, 2 * m + 1]
         c2 = interval[row, 2 * m + 2] if m + 1 < steps else last
-        mean = (c0 + 4.0 * c1 + c2) / 6.0
-        phi, h, sag, c = slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
-        w0, left, resting = w, step, False
-        for _ in range(3):
-            s = sign_of(w)
-            if s == 0.0:
-                s = _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p)
-            if s == 0.0:
-                I += left * mean
-                pos += left * rate
-                resting = True
-                break
-            w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, left, c0, mean, theta, torque, rate, p)
-            if w1 * s >= 0.0:
-                w, I, pos, d = w1, I1, x1, d1
-                break
-            share = w / (w - w1) if w != 0.0 else 1.0
-            I += share * (I1 - I)
-            pos += share * (x1 - pos)
-            d += share * (d1 - d)
-            w = 0.0
-            left *= 1.0 - share
-            if left <= STOPS_WITHIN * step:
-                break
-        _advance_slow(j, w0, w, I, step, c2, slow, p)
-    return w, I, pos, d, resting
+        mean, w0 = (c0 + 4.0 * c1 + c2) * SIXTH, w
+        w, I, pos, d, resting = _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
+        slow = _advance_slow(w0, w, I, step, c2, slow, p)
+    return (w, I, pos, d), slow, resting
+
+
+@inlined
+def slow_of(j, slow):
+    """Slow states of hypothesis j: (phi, h, sag, c)."""
+    return slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
+
+
+@inlined
+def set_slow(j, slow, values):
+    """Put (phi, h, sag, c) into row j of slow (m, SLOW)."""
+    slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED] = values
 
 
 @inlined
@@ -181,24 +211,27 @@ def value(j, k, x):
 
 @inlined
 def propagate(j, x, at, slow, t, interval, row, last, theta, p):
-    """As `advance`, with rows j of x (m, n) and slow overwritten. True where the motor rests at the end."""
-    x[j, 0], x[j, 1], x[j, 2], d, resting = advance(
-        j, x[j, 0], x[j, 1], x[j, 2], value(j, at[j, AT_D], x), value(j, at[j, AT_TORQUE], x),
-        value(j, at[j, AT_RATE], x), slow, t, interval, row, last, theta, p,
+    """As `advance`, with rows j of x (m, n) and slow (m, SLOW) overwritten. True where the motor rests at the end."""
+    (x[j, 0], x[j, 1], x[j, 2], d), after, resting = advance(
+        x[j, 0], x[j, 1], x[j, 2], value(j, at[j, AT_D], x), value(j, at[j, AT_TORQUE], x), value(j, at[j, AT_RATE], x),
+        slow_of(j, slow), t, interval.shape[1] // 2, interval, row, last, theta, p,
     )  # fmt: skip
+    set_slow(j, slow, after)
     if at[j, AT_D] >= 0:
         x[j, at[j, AT_D]] = d
-    return resting
+    return some(resting)
 
 
 @inlined
 def driven(i_cmd, w, h, sag, p):
     """The current that a commanded one leads to, and its slopes by w, I and the limit of the supply."""
     i = a.limited_current(i_cmd, w, h, sag, p)
-    if i == i_cmd:
-        return i, -p[a.KP], p[a.KI], 0.0
-    per_R = 1.0 / (p[a.RM] * (1.0 + h) + p[a.RS])
-    return i, -p[a.KM] * per_R, 0.0, math.copysign(per_R, i_cmd)
+    by_w, by_I, by_V, short = -p[a.KP], p[a.KI], nothing(i), abs(i - i_cmd)
+    if seldom(short):
+        per_R = 1.0 / (p[a.RM] * (1.0 + h) + p[a.RS])
+        by_w, by_I = above(short, 0.0, -p[a.KM] * per_R, by_w), above(short, 0.0, 0.0, by_I)
+        by_V = above(short, 0.0, signed(per_R, i_cmd), by_V)
+    return i, by_w, by_I, by_V
 
 
 @inlined
@@ -207,16 +240,16 @@ def motion_slopes(w, I, pos, d, phi, h, sag, w_cmd, theta, torque, p):
 
     Friction keeps its sign; effects of the torque are differentiated numerically, everything else exactly.
     """
-    s = 1.0 if w > 0.0 else -1.0
+    s = above(w, 0.0, 1.0, -1.0)
     i, di_dw, di_dI, di_dV = driven(a.command_current(w, I, w_cmd, p), w, h, sag, p)
     per_J = 1.0 / a.inertia(p)
     load = a.applied_torque(s, w, pos, d, phi, theta, p) + torque
-    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, 0.0
-    if p[a.EXTENDED] != 0.0:
+    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, nothing(load)
+    if seldom(p[a.EXTENDED]):
         dw, dp = 0.5, 1e-5
         by_w -= (a.applied_torque(s, w + dw, pos, d, phi, theta, p) + torque - load) / dw * per_J
         by_x -= (a.applied_torque(s, w, pos + dp, d, phi, theta, p) + torque - load) / dp * per_J
-    return by_w, by_I, by_x, a.mass_speed(1.0, d, load, p), i, di_dV, load, per_J
+    return by_w, by_I, by_x, a.mass_speed(1.0 + nothing(w), d, load, p), i, di_dV, load, per_J
 
 
 @inlined
@@ -320,18 +353,17 @@ def readings(w, I, pos, h, sag, c, w_cmd, p, supply):
 
     Equation 15 for the voltage, equation 6 for the current.
     """
-    i_cmd = a.command_current(w, I, w_cmd, p)
-    if p[a.EXTENDED] != 0.0 and p[a.CURRENT_LAG] > 0.0:
-        i_cmd = c
+    i_cmd = _commanded(w, I, c, w_cmd, p)
     i, di_dw, di_dI, di_dV = driven(i_cmd, w, h, sag, p)
     di_dV *= supply
     resistance = p[a.RM] * (1.0 + h)
-    V, shown_i, shown_x, gain, lag = a.terminal_voltage(i, w, h, p), i, pos, 1.0, 0.0
-    if p[a.EXTENDED] != 0.0:
+    V, shown_i, shown_x, gain, lag = a.terminal_voltage(i, w, h, p), i, pos, 1.0 + nothing(w), nothing(w)
+    if seldom(p[a.EXTENDED]):
+        free = nothing(w)
         V += p[a.VOLTAGE_OFFSET]
         shown_i, gain = a.current_reading(i, p), p[a.CURRENT_GAIN]
-        shown_x = a.position_reading(pos, a.mass_speed(w, 0.0, 0.0, p), p)
-        lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
+        shown_x = a.position_reading(pos, a.mass_speed(w, free, free, p), p)
+        lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0 + free, free, free, p)
     return (
         V, shown_i, shown_x, resistance * di_dw + p[a.KM], resistance * di_dI, resistance * di_dV,
         gain * di_dw, gain * di_dI, gain * di_dV, -lag, p[a.POSITION_GAIN],

@@ -6,6 +6,7 @@ three linear systems (free, saturated, at rest), so the response to every shape 
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ _RIDGE = 1e-6
 _SETTLING_S = (1.5, 5.0, 20.0)
 _BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
 _FEWEST_STEPS = 4  # between moves
+_DRAWN = 200  # points of a curve that is drawn from its functions
 _STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
 _FREQUENCIES = np.arange(0.1, 6.0, 0.02)
 EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
@@ -36,7 +38,7 @@ class Smooth:
 
     gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
     at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
-    ohm, 1, m, A, V).
+    ohm, 1, m, A, V). coefficients: how many numbers it took.
     """
 
     equation: str
@@ -48,6 +50,16 @@ class Smooth:
     at: Array
     curve: Array
     band: Array
+    coefficients: int
+
+
+class Shape(NamedTuple):
+    """A basis (K, N) over one regressor, over (N,); at (K,): the points, where the coefficients are values of the curve."""
+
+    regressor: str
+    basis: Array
+    over: Array
+    at: Array | None = None
 
 
 def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> list[Smooth]:
@@ -58,25 +70,20 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     projector = Projector(experiment, fitted)
     found = []
-    given = regressors(experiment, states)
-    shapes = [(name, *_basis(name, values)) for name, values in given.items()]
-    shapes.append(("pitch", *_pitch_by_speed(given["pitch"], given["speed"])))
-    since = experiment.t - experiment.t.min()
-    shapes.append(("time", np.array(_SETTLING_S), np.array([np.exp(-since / tau) for tau in _SETTLING_S])))
-    shapes.append(("time", *_wave(experiment, projector, fitted, states)))
-    for regressor, at, basis in shapes:
+    for shape in _shapes(experiment, projector, fitted, states):
         for equation in EQUATIONS:
             for directed in (False, True) if equation == "torque" else (False,):
-                forcing = _forcing(equation, directed, states, basis)
+                forcing = _forcing(equation, directed, states, shape.basis)
                 columns = response(experiment, fitted, states, equation, forcing)
-                found.append(
-                    _judge(experiment, projector, columns, equation, regressor, directed, at, basis, excess)
-                )
+                found.append(_judge(experiment, projector, columns, equation, shape, directed, excess))
     return sorted(found, key=lambda term: -term.held_out)
 
 
-def regressors(experiment: Experiment, states: Array) -> dict[str, Array]:
-    """(N,) each: what a disturbance may depend on. temperature: energy lost in the winding since the log began [J]."""
+def regressors(experiment: Experiment, states: Array, lead: float) -> dict[str, Array]:
+    """(N,) each: what a disturbance may depend on. lead: of the screw [m].
+
+    temperature: energy lost in the winding since the log began [J].
+    """
     i, x = states[:, s.CURRENT], states[:, s.MASS]
     heat = np.concatenate([
         np.interp(experiment.t[experiment.rows(m)], t, np.cumsum(c * c) * float(np.median(np.diff(t))))
@@ -88,7 +95,7 @@ def regressors(experiment: Experiment, states: Array) -> dict[str, Array]:
         "speed": states[:, s.W],
         "position": x,
         "shaft_angle": states[:, s.PHI],
-        "screw_angle": 2.0 * math.pi * x / 1e-3,
+        "screw_angle": 2.0 * math.pi * x / lead,
         "pitch": experiment.theta,
         "current": i,
         "load": np.abs(i),
@@ -96,34 +103,49 @@ def regressors(experiment: Experiment, states: Array) -> dict[str, Array]:
     }
 
 
-def _basis(regressor: str, r: Array) -> tuple[Array, Array]:
-    """Points of the regressor (K,) and the basis (K, N): harmonics of an angle, hats at levels, or hats at knots."""
+def _shapes(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> list[Shape]:
+    """Everything that a disturbance is tried with: curves over one regressor, pitch by speed, decays and a wave in time."""
+    given = regressors(experiment, states, fitted.model["screw_lead"])
+    since = experiment.t - experiment.t.min()
+    decays = np.array([np.exp(-since / tau) for tau in _SETTLING_S])
+    return [
+        *(_shape(name, values) for name, values in given.items()),
+        _pitch_by_speed(given["pitch"], given["speed"]),
+        Shape("time", decays, experiment.t),
+        Shape("time", _wave(experiment, projector, fitted, states), experiment.t),
+    ]
+
+
+def _shape(regressor: str, r: Array) -> Shape:
+    """Harmonics of an angle, hats at levels, or hats at knots."""
     if regressor.endswith("_angle"):
-        return np.arange(4.0), np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)])
+        turn = np.remainder(r, 2.0 * math.pi)
+        return Shape(regressor, np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)]), turn)
+    at = _points(regressor, r)
+    return Shape(regressor, np.array([np.interp(r, at, row) for row in np.eye(at.size)]), r, at)
+
+
+def _points(regressor: str, r: Array) -> Array:
+    """(K,) knots over the regressor, or its levels where it has few."""
     levels = np.unique(np.round(r, 1)) if regressor == "pitch" else np.empty(0)
     if 1 < levels.size <= _LEVELS:
         at = levels
     else:
         low, high = np.quantile(r, (0.002, 0.998))
         at = np.linspace(low, high, KNOTS + (6 if regressor in ("position", "time") else 0))
-    if at[-1] - at[0] <= 0.0:
-        at = np.array([at[0], at[0] + 1.0])
-    return at, np.array([np.interp(r, at, row) for row in np.eye(at.size)])
+    return at if at[-1] - at[0] > 0.0 else np.array([at[0], at[0] + 1.0])
 
 
-def _pitch_by_speed(pitch: Array, speed: Array) -> tuple[Array, Array]:
+def _pitch_by_speed(pitch: Array, speed: Array) -> Shape:
     """A curve over the speed for every level of pitch: a torque that needs both."""
-    at, levels = _basis("pitch", pitch)
+    levels = _shape("pitch", pitch)
     knots = np.linspace(0.0, float(np.abs(speed).max()), 4)
     hats = [np.interp(np.abs(speed), knots, row) for row in np.eye(knots.size)[1:]]
-    basis = np.array([level * hat for level in levels for hat in hats])
-    return np.repeat(at, len(hats)), basis
+    return Shape("pitch", np.array([level * hat for level in levels.basis for hat in hats]), pitch)
 
 
-def _wave(
-    experiment: Experiment, projector: Projector, fitted: FitResult, states: Array
-) -> tuple[Array, Array]:
-    """The frequency [Hz] at which a torque in time would explain most, and its sine and cosine."""
+def _wave(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> Array:
+    """(2, N) sine and cosine of the frequency at which a torque in time would explain most."""
     best, at = 0.0, _FREQUENCIES[0]
     for f in _FREQUENCIES:
         wave = _sine(f, experiment.t)
@@ -132,7 +154,7 @@ def _wave(
         gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
         if gain > best:
             best, at = gain, f
-    return np.array([at, at]), _sine(at, experiment.t)
+    return _sine(at, experiment.t)
 
 
 def _sine(f: float, t: Array) -> Array:
@@ -231,10 +253,8 @@ def _judge(
     projector: Projector,
     columns: Array,
     equation: str,
-    regressor: str,
+    shape: Shape,
     directed: bool,
-    at: Array,
-    basis: Array,
     excess: float,
 ) -> Smooth:
     """Gain of a smooth term, in all and predicted for every move from the others."""
@@ -253,11 +273,23 @@ def _judge(
         Hm, gm = self_gram(block), along(block, projector.r[3 * rows.start : 3 * rows.stop])
         other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
         held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
-    curve, band = np.zeros(at.size), np.zeros(at.size)
-    curve[good] = weights / size[good]
-    band[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
-    share = held_out / excess if excess > 0.0 else 0.0
-    return Smooth(equation, regressor, directed, gain, held_out, min(max(share, 0.0), 1.0), at, curve, band)
+    K = columns.shape[0]
+    coefficients, errors = np.zeros(K), np.zeros(K)
+    coefficients[good] = weights / size[good]
+    errors[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
+    share = min(max(held_out / excess, 0.0), 1.0) if excess > 0.0 else 0.0
+    drawn = _drawn(shape, coefficients, errors)
+    return Smooth(equation, shape.regressor, directed, gain, held_out, share, *drawn, K)
+
+
+def _drawn(shape: Shape, coefficients: Array, errors: Array) -> tuple[Array, Array, Array]:
+    """The curve with its points and standard errors: the values themselves, or functions over their regressor."""
+    if shape.at is not None:
+        return shape.at, coefficients, errors
+    order = np.argsort(shape.over, kind="stable")
+    k = order[np.linspace(0, order.size - 1, min(_DRAWN, order.size)).astype(int)]
+    basis = shape.basis[:, k]
+    return shape.over[k], coefficients @ basis, np.sqrt(errors**2 @ basis**2)
 
 
 def slow_excess(experiment: Experiment, r: Array) -> float:
@@ -318,4 +350,5 @@ def _stepped(
         at,
         slope * at,
         np.abs(at) / math.sqrt(power),
+        1,
     )

@@ -46,11 +46,12 @@ BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 
 
 class Job(NamedTuple):
-    """One move to judge: class, seed, and by how much the rig file is off in J, Kp, Ki, Rs and Vmax [1 sigma, %]."""
+    """One move to judge: class, seed, by how much the rig file is off in J, Kp, Ki, Rs and Vmax [1 sigma, %], and its drive."""
 
     label: str
     seed: int
     percent: float = 0.0
+    drive: str = "pi_servo"
 
 
 def spec_of(job: Job) -> TruthSpec:
@@ -67,7 +68,7 @@ def spec_of(job: Job) -> TruthSpec:
 def judged(job: Job) -> dict[str, Any]:
     """Truth and verdicts of one move, as a row."""
     frame, truth = make_log(spec_of(job), job.seed)
-    outcome = diagnose_log(log_from_frame(frame), load_rig(), Settings())
+    outcome = diagnose_log(log_from_frame(frame), replace(load_rig(), drive=job.drive), Settings())
     if outcome.isolation is None:
         raise RuntimeError(f"{job}: no verdict: {outcome.error}")
     verdict, mixture = outcome.isolation.verdict, outcome.open_loop
@@ -201,6 +202,7 @@ def wrong(frame: pd.DataFrame) -> pd.DataFrame:
         "seed",
         "label",
         "percent",
+        "drive",
         "kind",
         "channel",
         "said",
@@ -236,15 +238,19 @@ def _text(cell: Any) -> str:
     return str(cell)
 
 
-def jobs(labels: Iterable[str], count: int, percents: Iterable[float] = (0.0,)) -> Iterator[Job]:
+def jobs(
+    labels: Iterable[str], count: int, percents: Iterable[float] = (0.0,), drive: str = "pi_servo"
+) -> Iterator[Job]:
     """`count` moves of each class, at each error of the rig file."""
     for percent in percents:
         for label in labels:
             for seed in range(FIRST_SEED, FIRST_SEED + count):
-                yield Job(label, seed, percent)
+                yield Job(label, seed, percent, drive)
 
 
-def report(named: pd.DataFrame, other: pd.DataFrame, off: pd.DataFrame, reliability: pd.DataFrame) -> str:
+def report(
+    named: pd.DataFrame, other: pd.DataFrame, off: pd.DataFrame, free: pd.DataFrame, reliability: pd.DataFrame
+) -> str:
     """The study in words and tables."""
     healthy = named[named["label"] == "nominal"]
     calm = pd.concat([healthy, off[off["label"] == "nominal"]])
@@ -277,9 +283,13 @@ def report(named: pd.DataFrame, other: pd.DataFrame, off: pd.DataFrame, reliabil
         "## A rig file that is off",
         "J (and J'), Kp, Ki, Rs and Vmax of the truth off by this much (1 sigma, each on its own), rig file unchanged.",
         markdown(by_percent(off)),
+        "## A servo that nobody knows",
+        "The same moves with a rig file without the servo's gains and supply (`drive = \"voltage\"`): the measured current "
+        "drives. There is no open-loop mixture then.",
+        markdown(by_class(free).drop(columns=["mixture right", "mixture isolated median ms"])),
         "## Every wrong verdict",
         "\n\n".join(WHY),
-        markdown(wrong(pd.concat([named, other, off]))),
+        markdown(wrong(pd.concat([named, other, off, free]))),
     ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
 
@@ -295,9 +305,10 @@ def main() -> None:
     named = study([*jobs(NAMED[:1], healthy), *jobs(NAMED[1:], args.moves)], args.workers)
     other = study(jobs(OTHER, args.moves), args.workers)
     off = study(jobs(NAMED, args.moves // 3, (1.0, 2.0, 3.0)), args.workers)
+    free = study(jobs(NAMED, args.moves // 3, drive="voltage"), args.workers)
     reliability = calibration(jobs(NAMED, args.moves // 3))
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(report(named, other, off, reliability), encoding="utf-8")
+    args.out.write_text(report(named, other, off, free, reliability), encoding="utf-8")
     print(f"{args.out}: {100.0 * named['right'].mean():.1f} % of {len(named)} moves right")
 
 

@@ -171,7 +171,8 @@ def test_the_supply_never_gives_more_than_it_has(w: float, I: float, w_cmd: floa
     i = a.limited_current(i_cmd, w, 0.0, sag, p)
     V = (p[a.RM] + p[a.RS]) * i + p[a.KM] * w
     assert abs(V) <= p[a.VMAX] - sag + 1e-9
-    assert a.is_saturated(i_cmd, w, 0.0, sag, p) == (i != i_cmd)
+    asked = (p[a.RM] + p[a.RS]) * i_cmd + p[a.KM] * w
+    assert (i == i_cmd) == (abs(asked) <= p[a.VMAX] - sag)
     assert a.measured_speed(a.terminal_voltage(i, w, 0.0, p), i, p) == pytest.approx(w, abs=1e-9)
 
 
@@ -240,8 +241,9 @@ def test_table_one_is_all_that_a_rig_must_give() -> None:
     assert len(a.PARAMETERS) - len(EFFECTS) == 15
     assert set(a.PARAMETERS) - set(EFFECTS) == set(RIG.quantities)
     assert a.NAMES[a.A_DECOUPLED] == "A_decoupled" and a.NAMES[a.PITCH_OFFSET] == "pitch_offset"
-    for name in a.NAMES:
+    for name in a.NAMES[: a.CURVE]:
         assert getattr(a, name.upper()) == a.INDEX[name], name
+    assert a.NAMES[a.CURVE :] == tuple(f"curve_{k:02d}" for k in range(a.MOST_POINTS))
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -290,7 +292,8 @@ def test_equations_run_without_numba() -> None:
     ).vector
     arguments = {
         "w": 210.0, "I": 0.1, "w_cmd": 410.0, "i": 0.05, "i_cmd": 0.05, "h": 0.01, "sag": 0.1, "torque": 5e-4, "V": 9.0,
-        "x": 6e-5, "d": 1e-5, "phi": 7.0, "theta": 3.0, "s": 1.0, "seen": 1e-4, "x_rate": 7e-4, "p": p,
+        "x": 6e-5, "d": 1e-5, "phi": 7.0, "theta": 3.0, "s": 1.0, "seen": 1e-4, "x_rate": 7e-4, "r": 0.4, "p": p,
+        "emf": 4.0, "R": 21.0, "limit": 15.0, "what": 2.0, "given": 2.0, "code": 3.0,
     }  # fmt: skip
     compiled = [f for _, f in inspect.getmembers(a) if hasattr(f, "py_func")]
     if not compiled:

@@ -11,7 +11,8 @@ import pytest
 from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
-from observer_fi.cli import BUG, COMMANDS, FAULT, OK, USAGE, folder_names, main
+from observer_fi.cli import COMMANDS, main
+from observer_fi.cli_options import BUG, FAULT, OK, USAGE, folder_names
 from observer_fi.models import load_rig
 
 ROOT = Path(__file__).parent.parent

@@ -45,3 +45,17 @@ def test_two_at_once():
 @pytest.mark.parametrize("seed", [4201, 4202])
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
     assert any(cause in names for names in hide((cause,), 3.0, seed)["found"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4509, 4512])
+def test_a_law_of_contact_far_from_the_square_does_not_drag_the_stops_past_each_other(seed):
+    row = hide(("contact_exponent",), 10.0, seed)
+    assert [names[0] for names in row["found"]] == ["contact_exponent"]
+    assert row["unexplained"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4500, 4502])
+def test_a_slip_at_the_limit_of_detection_shows_in_the_position_alone(seed):
+    assert hide(("partial_slip",), 1.0, seed)["found"][0][0] == "partial_slip"

@@ -34,13 +34,16 @@ def test_sixty_moves_are_consistent(few: pd.DataFrame) -> None:
 def test_the_report_holds_every_table(few: pd.DataFrame) -> None:
     other = d.study(d.jobs(d.OTHER, 2))
     off = d.study(d.jobs(d.NAMED[:1], 1, (2.0,)))
-    text = d.report(few, other, off, d.calibration([d.Job("coupling_loss", d.FIRST_SEED)]))
+    free = d.study(d.jobs(d.NAMED, 1, drive="voltage"))
+    assert free["right"].all()
+    text = d.report(few, other, off, free, d.calibration([d.Job("coupling_loss", d.FIRST_SEED)]))
     for title in (
         "Nominal, overload",
         "Sensor faults",
         "Calibration",
         "Consistency",
         "off",
+        "A servo that nobody knows",
         "Every wrong verdict",
     ):
         assert f"## {title}" in text or title in text

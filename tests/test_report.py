@@ -14,7 +14,7 @@ from observer_fi import chart, figures, report
 from observer_fi.diagnose import diagnose_log
 from observer_fi.errors import UsageError
 from observer_fi.models import load_rig
-from observer_fi.output import write_file, write_folder
+from observer_fi.output import clear_leftovers, write_file, write_folder
 from observer_fi.records import Consistency, Outcome
 from observer_fi.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.settings import Settings
@@ -177,6 +177,17 @@ def test_probabilities_never_round_to_certainty(p: float, text: str) -> None:
 
 
 # --- writing ---
+
+
+def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "move[1]"
+    write_folder(folder, {"a": "1"})
+    (tmp_path / ".move[1].x7").mkdir()
+    (tmp_path / ".move[1].x7" / "a").write_text("half")
+    (tmp_path / ".move1.x7").mkdir()
+    clear_leftovers(folder)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".move1.x7", "move[1]"]
+    assert (folder / "a").read_text() == "1"
 
 
 def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
