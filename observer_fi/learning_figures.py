@@ -70,7 +70,9 @@ def residual_curves(before: Residuals, after: Residuals, channel: int = 1) -> st
     names = [n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2]
     columns, width, height = 3, 255.0, 120.0
     rows = -(-len(names) // columns)
-    figure = Figure(f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor")
+    figure = Figure(
+        f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor"
+    )
     for k, name in enumerate(names):
         label, scale = REGRESSORS[name]
         one, two = before.curves[name], after.curves.get(name, before.curves[name])

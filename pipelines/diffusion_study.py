@@ -20,7 +20,7 @@ from observer_fi.freed_study import FreedCase, run_case, summary  # noqa: E402
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--first", type=int, default=9500, help="first seed")
-    parser.add_argument("--sizes", default="3:4,1:2", help="sizes in units of the detectable one: seeds")
+    parser.add_argument("--sizes", default="3:3,1:1", help="sizes in units of the detectable one: seeds")
     parser.add_argument("--controls", type=int, default=20, help="seeds without any effect")
     parser.add_argument("--causes", default="", help="only these causes, separated by commas")
     parser.add_argument("--results", type=Path, default=ROOT / "reports" / "freed_study.jsonl")
