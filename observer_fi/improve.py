@@ -25,6 +25,7 @@ from observer_fi.naming import (
     dust,
     excess,
     held_out_residuals,
+    name_again,
     name_causes,
 )
 from observer_fi.products import square
@@ -130,6 +131,9 @@ def improve(
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
     model = _with_stops(experiment, logs, rig)
     naming = name_causes(experiment, rig, model, settings, progress)
+    if model != rig.model and not _stops_matter(experiment, rig.model, naming):
+        progress("without the stops, which what was named explains")
+        naming = name_again(experiment, rig, rig.model, naming)
     progress("which equation the data want to free")
     freed, latents = free_equations(experiment, naming.baseline)
     progress("what stays unexplained")
@@ -192,6 +196,23 @@ def _with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
     offset = Free("torque_offset", 1e-6)
     fits = [fit(experiment, m, (*base_parameters(rig, m), offset)) for m in models]
     return models[int(np.argmin([f.objective + _STOP_NATS * k for k, f in enumerate(fits)]))]
+
+
+def _stops_matter(experiment: Experiment, given: Model, naming: Naming) -> bool:
+    """Whether the stops that were found still explain something once the causes are named.
+
+    What they explained before may have been another cause: a lag of the current looks like a stop at the end of the travel.
+    A stop that touches nothing would leave its place and depth to chance.
+    """
+    if any(n.candidate.cause.equation == "contact" for n in naming.named):
+        return True
+    fitted = naming.extended
+    stops = {name: given[name] for name in ("x_stop_high", "x_stop_low")}
+    gone = {name for name, place in stops.items() if math.isinf(place)}
+    gone |= {"C", "E"} if len(gone) == 2 else set()
+    free = tuple(f for f in fitted.free if f.name not in gone)
+    without = fit(experiment, override(fitted.model, fitted.model.name, **stops), free, fitted.nuisance)
+    return without.objective - fitted.objective > _STOP_NATS
 
 
 def to_json(record: Improvement) -> dict[str, Any]:

@@ -6,7 +6,7 @@ pays for its parameters, explains a good part of what is left, and helps on held
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -190,6 +190,18 @@ def name_causes(
         progress("does each cause still stand")
         fitted, named = _prune(experiment, fitted, named, most, settings)
     return Naming(experiment, baseline, fitted, tuple(named), refused, screened)
+
+
+def name_again(experiment: Experiment, rig: Rig, model: Model, naming: Naming) -> Naming:
+    """The same causes in the same order from another baseline, with the gains that they have there."""
+    baseline = fitted = fit(experiment, model, base_parameters(rig, model))
+    named = []
+    for n in naming.named:
+        after = refit(experiment, fitted, n.candidate, _reach(experiment, fitted), exact=True)
+        gain, seen = fitted.objective - after.objective, _held_out_gain(experiment, fitted, after)
+        named.append(replace(n, gain=gain, held_out=seen))
+        fitted = after
+    return replace(naming, baseline=baseline, extended=fitted, named=tuple(named))
 
 
 def _reach(experiment: Experiment, fitted: FitResult) -> dict[str, float]:

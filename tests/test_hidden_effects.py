@@ -59,3 +59,11 @@ def test_a_law_of_contact_far_from_the_square_does_not_drag_the_stops_past_each_
 @pytest.mark.parametrize("seed", [4500, 4502])
 def test_a_slip_at_the_limit_of_detection_shows_in_the_position_alone(seed):
     assert hide(("partial_slip",), 1.0, seed)["found"][0][0] == "partial_slip"
+
+
+@pytest.mark.slow
+def test_a_stop_that_only_a_missing_cause_asked_for_is_taken_back():
+    """A lag of the current with an offset of the torque looks like a stop at the end of the travel."""
+    row = hide(("current_lag", "torque_offset"), 3.0, 4500)
+    assert {names[0] for names in row["found"]} == {"current_lag", "torque_offset"}
+    assert row["gain_share"] > 0.95
