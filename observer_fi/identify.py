@@ -382,19 +382,17 @@ def _reported(name: str, told: set[str]) -> bool:
 
 
 def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
-    """Root mean square residual of current [A], position [m] and the speed of equation 16 [rad/s]."""
+    """Root mean square residual of current [A], position [m] and the speed of equation 16 [rad/s], of what was measured."""
     p = fitted.plant.vector
     errors = []
     for part, r in zip(parts, fitted.residuals, strict=True):
         e = part.experiment
-        single = ((e.weight > 0.0) & (e.weight < 1.01 / e.noise)).all(
-            axis=1
-        )  # neither missing nor the mean of a rest
-        errors.append(r[single] / e.weight[single])
+        single = (e.weight > 0.0) & (e.weight < 1.01 / e.noise)  # neither missing nor the mean of a rest
+        errors.append(np.where(single, r, np.nan) / np.where(single, e.weight, 1.0))
     left = np.concatenate(errors)
     speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
     named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
-    return {n: float(np.sqrt(np.mean(v**2))) for n, v in named.items()}
+    return {n: float(np.sqrt(np.nanmean(v**2))) for n, v in named.items() if np.isfinite(v).any()}
 
 
 def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str, Array]:

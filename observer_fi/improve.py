@@ -365,7 +365,7 @@ def _share(experiment: Experiment, r: Array, term: Smooth, whole: float) -> floa
     """Share of the residual's excess variance, of its own channel for a sensor, that the term explains."""
     if term.equation in _SENSORS:
         whole = _raw_excess(experiment, r, _SENSORS.index(term.equation))
-    return min(term.held_out / max(whole, term.gain), 1.0)
+    return min(term.held_out / max(whole, term.gain, 1e-300), 1.0)
 
 
 def _raw_excess(experiment: Experiment, r: Array, channel: int) -> float:

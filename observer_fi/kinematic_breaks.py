@@ -90,7 +90,10 @@ def _bend(log: Log, move: Segment, model: Model, std: float) -> Bend | None:
     good = ~np.isnan(x)
     if good.sum() < 20:
         return None
-    angle = motor_angle(t, speed_of(log, model)[rows]) * model["D"]
+    w = speed_of(log, model)[rows]
+    angle = (
+        motor_angle(t, log.w_cmd[rows] if np.isnan(w).any() else w) * model["D"]
+    )  # the loop follows its command
     block = max(1, round(BLOCK_S * log.rate_hz))
     count = int(good.sum()) // block
     u = angle[good][: count * block].reshape(count, block).mean(axis=1)

@@ -176,12 +176,12 @@ def fit_over_data(one: dict[str, Any], number: int) -> str:
     t, measured, simulated, r = (np.asarray(one[k]) for k in ("time", "measured", "simulated", "residual"))
     for c, (name, scale) in enumerate(CHANNELS):
         top = 28.0 + 210.0 * c
-        x = padded(t)
-        panel = figure.panel(LEFT, top, WIDTH - LEFT - RIGHT, 95.0, x, padded(scale * measured[:, c]))
+        x, shown = padded(t), measured if np.isfinite(measured[:, c]).any() else simulated
+        panel = figure.panel(LEFT, top, WIDTH - LEFT - RIGHT, 95.0, x, padded(scale * shown[:, c]))
         panel.frame("", name, False)
         panel.line(t, scale * measured[:, c], MEASURED, 1.6)
         panel.line(t, scale * simulated[:, c], AFTER, 0.9)
-        middle = float(np.nanmedian(scale * measured[:, c]))
+        middle = float(np.nanmedian(scale * shown[:, c]))
         panel.end_labels(((middle, "measured", MUTED), (middle, "simulated", AFTER)))
         below = figure.panel(LEFT, top + 108.0, WIDTH - LEFT - RIGHT, 45.0, x, padded(r[:, c], least=4.0))
         below.frame("time [s]" if c == 2 else "", "", c == 2)
