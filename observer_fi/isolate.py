@@ -59,10 +59,40 @@ def tested(estimate: Estimate, settings: DecisionSettings) -> Estimate:
     return replace(estimate, probability=p)
 
 
+class Measured:
+    """Which channels a log measures, as the innovations of the winner show; a failed sensor shows none of its own."""
+
+    def __init__(self) -> None:
+        self.there = np.zeros(len(CHANNELS), dtype=np.bool_)
+        self.missed = np.zeros(len(CHANNELS), dtype=np.bool_)
+
+    def add(self, e: Estimate) -> None:
+        """Take more samples."""
+        there = np.isfinite(e.normalised)
+        self.there |= there.any(axis=0)
+        if self.there.all():
+            return
+        winner = e.probability.argmax(axis=1)
+        for c, name in enumerate(CHANNELS):
+            failed = e.modes.index(f"sensor:{name}") if f"sensor:{name}" in e.modes else -1
+            self.missed[c] |= bool((~there[:, c] & (winner != failed)).any())
+
+    def lacks(self, channel: str) -> bool:
+        """Whether the channel was missing wherever it could have been seen."""
+        c = CHANNELS.index(channel)
+        return bool(self.missed[c] and not self.there[c])
+
+
 class EventTracker:
     """Follows one move through its chunks: `add` the samples of the move, then `verdict`."""
 
-    def __init__(self, modes: tuple[str, ...], start_s: float, settings: DecisionSettings) -> None:
+    def __init__(
+        self,
+        modes: tuple[str, ...],
+        start_s: float,
+        settings: DecisionSettings,
+        channels: "Measured | None" = None,
+    ) -> None:
         self.modes = modes
         self.settings = settings
         self.start_s = self.end_s = start_s
@@ -80,12 +110,14 @@ class EventTracker:
         self.rest_nis = np.zeros(len(modes))
         self.rest_samples = 0
         self.dof = 3.0  # channels
+        self.channels = Measured() if channels is None else channels
 
     def add(self, e: Estimate, window: int) -> None:
         """Take the next samples of this move, its stop and the rest after it. window: samples in `window_s`."""
         if not e.t.size:
             return
         self.end_s = float(e.t[-1])
+        self.channels.add(e)
         if e.active.all():
             self._add_motion(e, window)
             return
@@ -199,6 +231,7 @@ class EventTracker:
                 reasons.append("the fault came and went within the move")
             else:
                 j, run, p = self._after_rest(j, run, p, reasons)
+        j, p = self._measured(j, p, reasons)
         if self.modes[j] == UNKNOWN and self.strained:
             names = ", ".join(self.modes[k].replace("_", " ") for k in sorted(self.strained))
             reasons.append(f"{names} would fit only with constants that no rig shows")
@@ -210,6 +243,17 @@ class EventTracker:
             j, run = self.modes.index(UNKNOWN), Run(since, since)
             p = self._given(j, self.settings.isolated)
         return self._event(j, run, p, tuple(reasons))
+
+    def _measured(self, j: int, p: Array, reasons: list[str]) -> tuple[int, Array]:
+        """A sensor that is not there cannot have failed: what it would explain is something else."""
+        channel = channel_of(self.modes[j])
+        if channel is None or UNKNOWN not in self.modes or not self.channels.lacks(channel):
+            return j, p
+        reasons.append(f"the {channel} is not measured, so its sensor cannot be what is wrong")
+        unknown, p = self.modes.index(UNKNOWN), p.copy()
+        p[unknown] += p[j]
+        p[j] = 0.0
+        return unknown, p
 
     def _after_rest(
         self, j: int, run: Run | None, p: Array, reasons: list[str]
@@ -258,6 +302,7 @@ class Isolator:
     def __init__(self, modes: tuple[str, ...], settings: DecisionSettings) -> None:
         self.modes = modes
         self.settings = settings
+        self.channels = Measured()
         self.current: EventTracker | None = None
         self.events: list[Event] = []
         self.fit = Whiteness()
@@ -275,7 +320,7 @@ class Isolator:
         for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if k > 0:
                 self._finish()
-                self.current = EventTracker(self.modes, float(e.t[a]), self.settings)
+                self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels)
             if self.current is not None and b > a:
                 self.current.add(_rows(e, slice(a, b)), self.window)
                 yield self.current

@@ -249,6 +249,22 @@ def test_missing_samples_say_nothing() -> None:
     assert found.verdict.label == "nominal" and np.isnan(found.consistency.whiteness_p)
 
 
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_sensor_that_is_not_there_has_not_failed(measured: bool) -> None:
+    """The winner shows no innovation of the sensor that it takes for failed; before and after, the channel speaks for itself."""
+    parts = (rest(), Part(0.3), Part(0.4, "sensor:voltage"), rest(), Part(0.4, "sensor:voltage"), rest())
+    e = estimate(*parts)
+    failed = e.probability.argmax(axis=1) == MODES.index("sensor:voltage")
+    e.normalised[failed | (not measured), 0] = np.nan
+    found = isolated(e)
+    expected = ("sensor_fault", "voltage") if measured else ("unknown", None)
+    assert [(v.label, v.channel) for v in found.events] == [expected] * 2
+    assert (
+        "the voltage is not measured, so its sensor cannot be what is wrong" in found.verdict.reasons
+    ) != measured
+    assert found.verdict.probability >= 0.999
+
+
 # --- several moves -------------------------------------------------------------------------------
 
 
