@@ -137,12 +137,6 @@ def _advance_slow(w0, w, I, t, w_cmd, slow, p):
     return phi, h, sag, c
 
 
-@inlined
-def sign_of(w):
-    """Sign of motion, 0 at rest."""
-    return above(w, 0.0, 1.0, above(0.0, w, -1.0, nothing(w)))
-
-
 @uncounted
 def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
     """One step with standstill or a change of direction in it: (w, I, x, d, 1 where the motor rests at its end, else 0).
@@ -152,7 +146,7 @@ def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
     phi, h, sag, c = slow
     resting, left = nothing(w), step + nothing(w)
     for _ in range(3):
-        s = sign_of(w)
+        s = a.sign_of(w)
         if some(1.0 - abs(s)):
             s = above(abs(s), 0.0, s, _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p))
             held = above(abs(s), 0.0, 0.0, left)
@@ -175,7 +169,7 @@ def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
 def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
     """As `_stick`, and the shorter way where the motor keeps its direction."""
     phi, h, sag, c = slow
-    s = sign_of(w)
+    s = a.sign_of(w)
     w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, step, c0, mean, theta, torque, rate, p)
     resting = nothing(w)
     if seldom(above(w1 * s, 0.0, 0.0, 1.0)):

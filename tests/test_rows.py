@@ -36,7 +36,7 @@ SIZES = {
     "contact_drag": 1e-7, "position_lag": 2e-3, "position_gain": 1.02, "position_sin": 1e-5, "position_cos": 1e-5,
     "current_offset": 1e-3, "current_gain": 1.02, "voltage_offset": 0.05, "pitch_offset": 0.5,
 }  # fmt: skip
-STEPS = ("motion_slopes", "driven", "readings", "motion_transition", "constant_transition", "sign_of")
+STEPS = ("motion_slopes", "driven", "readings", "motion_transition", "constant_transition")
 EQUATIONS = [
     f for m in (a, tr) for _, f in inspect.getmembers(m)
     if hasattr(f, "py_func") and f.py_func.__module__ == m.__name__ and f is not a.is_saturated
