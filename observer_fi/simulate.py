@@ -119,8 +119,10 @@ def _rest(I, c, t, h, sag, w_cmd, late, p):
 def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
     """One step of the plant with stick-slip: (w, I, x, phi, c) at its end."""
     s = a.sign_of(w)
+    if seldom(1.0 - abs(s)):
+        return _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
     w1, I1, x1, phi1, q1 = _slide(s, w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
-    if seldom(above(w1 * s, 0.0, 0.0, 1.0)):
+    if seldom(above(0.0, w1 * s, 1.0, 0.0)):
         w1, I1, x1, phi1, q1 = _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
     return w1, I1, x1, phi1, q1
 

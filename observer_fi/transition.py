@@ -169,10 +169,11 @@ def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
 def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
     """As `_stick`, and the shorter way where the motor keeps its direction."""
     phi, h, sag, c = slow
-    s = a.sign_of(w)
+    s, resting = a.sign_of(w), nothing(w)
+    if seldom(1.0 - abs(s)):
+        return _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
     w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, step, c0, mean, theta, torque, rate, p)
-    resting = nothing(w)
-    if seldom(above(w1 * s, 0.0, 0.0, 1.0)):
+    if seldom(above(0.0, w1 * s, 1.0, 0.0)):
         w1, I1, x1, d1, resting = _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
     return w1, I1, x1, d1, resting
 
