@@ -252,6 +252,12 @@ def curve_drop(i, w, p):
 
 
 @inlined
+def sign_of(w):
+    """Sign of motion, 0 at rest."""
+    return above(w, 0.0, 1.0, above(0.0, w, -1.0, nothing(w)))
+
+
+@inlined
 def command_current(w, I, w_cmd, p):
     """Equation 3: i_cmd = Kp (w_cmd - w) + Ki I [A]."""
     return p[KP] * (w_cmd - w) + p[KI] * I

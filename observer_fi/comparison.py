@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from observer_fi import scores
-from observer_fi.diagnose import diagnose_log, make_bank
+from observer_fi.diagnose import judged
 from observer_fi.isolate import Isolator
 from observer_fi.mixture import open_loop
 from observer_fi.models import Rig
@@ -50,14 +50,14 @@ def compare(
     """One pair of cases after another. The truth has its own rig each: drawn from the spread of `rig`."""
     for k, (group, scenario) in enumerate(scenarios(count, seed)):
         log, truth = synthesise(scenario, rig, f"case_{k:04d}")
-        outcome = diagnose_log(log, rig, settings, engine=engine, filter_kind=filter_kind)
+        outcome, estimate = judged(log, rig, settings, engine, filter_kind)
         if outcome.isolation is None:
             raise ValueError(f"{log.path}: diagnosed without a verdict ({outcome.error})")
         alarm = truth.onset_s
         if alarm is None:
             start = scenario.moves[0].start_s
             alarm = start + float(np.random.default_rng([seed, k, 1]).uniform(*FALSE_ALARM_S))
-        baseline = open_loop_isolation(log, rig, settings, alarm)
+        baseline = open_loop_isolation(log, estimate, rig, settings, alarm)
         yield Pair(
             truth,
             scores.case(truth.label, group, truth.onset_s, outcome.isolation),
@@ -65,18 +65,19 @@ def compare(
         )
 
 
-def open_loop_isolation(log: Log, rig: Rig, settings: Settings, detected_s: float) -> Isolation:
+def open_loop_isolation(
+    log: Log, estimate: Estimate, rig: Rig, settings: Settings, detected_s: float
+) -> Isolation:
     """The mixture's verdict on a log, for a detection at this time."""
-    mixture = open_loop_estimate(log, rig, settings, detected_s)
+    mixture = open_loop_estimate(log, estimate, rig, detected_s)
     isolator = Isolator(mixture.modes, settings.decision)
     for _ in isolator.add(mixture):
         pass
     return isolator.result()
 
 
-def open_loop_estimate(log: Log, rig: Rig, settings: Settings, detected_s: float) -> Estimate:
+def open_loop_estimate(log: Log, estimate: Estimate, rig: Rig, detected_s: float) -> Estimate:
     """The mixture from a detection to the end of that move, started from the bank's estimate there."""
-    estimate = make_bank(rig, settings).advance(log)
     first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
     return open_loop(log, first, estimate.states[first, :3], rig, last=_end_of_move(log, first))
 

@@ -86,12 +86,19 @@ def diagnose_log(
     log: Log, rig: Rig, settings: Settings, *, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> Outcome:
     """The verdict on a log in memory."""
+    return judged(log, rig, settings, engine, filter_kind)[0]
+
+
+def judged(
+    log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
+) -> tuple[Outcome, Estimate]:
+    """The verdict on a log in memory, and the bank's estimate that it rests on."""
     run = Diagnosis(rig, settings, engine, filter_kind)
-    run.add(log)
+    estimate = run.add(log)
     facts = {
         k: getattr(log, k) for k in ("sha256", "metadata", "gaps", "rejected", "rejected_count", "notes")
     }
-    return run.outcome(log_name(log.path), facts)
+    return run.outcome(log_name(log.path), facts), estimate
 
 
 class Diagnosis:
@@ -136,9 +143,11 @@ class Diagnosis:
             if before is not None:
                 self._judge(before[0], *before[1].result())
 
-    def add(self, log: Log) -> None:
-        """Take the next chunk."""
-        self._judge(log, *self._advanced(log))
+    def add(self, log: Log) -> Estimate:
+        """Take the next chunk; the bank's estimate of it."""
+        estimate, memory = self._advanced(log)
+        self._judge(log, estimate, memory)
+        return estimate
 
     def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
         """The bank's estimate of the next chunk, and what it remembers after it."""
@@ -328,4 +337,4 @@ def _part(log: Log, rows: slice) -> Log:
     )  # fmt: skip
 
 
-__all__ = ["Diagnosis", "Run", "diagnose", "diagnose_log", "make_bank"]
+__all__ = ["Diagnosis", "Run", "diagnose", "diagnose_log", "judged", "make_bank"]

@@ -6,6 +6,7 @@ measured. Two numbers per move are free: the current that holds the mass at rest
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,6 +35,7 @@ _PLAY_ROWS = 30  # samples after a log's first start in which the play may still
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
 _FIXED_POINT_STEPS = 8
+_WORTH_LANES = 3  # models at once that cost less side by side than one after another
 _FEWEST = 100  # settled samples for an estimate of the noise
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
@@ -280,12 +282,16 @@ def _leaky(u: Array, dt: float, time: float) -> Array:
 
 def commands(experiment: Experiment, p: Array) -> tuple[Array, Array]:
     """Command, and command as the servo's proportional path sees it, at the quarters of every interval, (N, 4) each."""
-    extended = p[a.EXTENDED] != 0.0
-    delay = float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]) if extended else 0.0
-    late = float(p[a.SERVO_DELAY]) if extended else 0.0
-    accel = float(p[a.ACCEL_LIMIT]) if extended else math.inf
+    delay, late, accel = _delays(p)
     now = _commands(experiment, delay, accel)
     return now, (_commands(experiment, delay + late, accel) if late else now)
+
+
+def _delays(p: Array) -> tuple[float, float, float]:
+    """What of a parameter vector changes the commands: delay, delay of the proportional path [s], limit [rad/s^2]."""
+    if p[a.EXTENDED] == 0.0:
+        return 0.0, 0.0, math.inf
+    return float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]), float(p[a.SERVO_DELAY]), float(p[a.ACCEL_LIMIT])
 
 
 def _commands(experiment: Experiment, delay: float, accel: float) -> Array:
@@ -322,10 +328,8 @@ def run(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         t = experiment.t[rows]
-        if m and p[a.BACKLASH] != 0.0 and experiment.log[m] == experiment.log[m - 1]:
-            last = states[rows.start - 1]  # the stop before leaves the play somewhere between its ends
-            starts[m, s.X] = starts[m, s.MASS] + last[s.X] - last[s.MASS]
-            starts[m, s.PHI] = starts[m, s.X] / p[a.D]
+        if m:
+            _carry_play(experiment, m, p, starts, states[rows.start - 1])
         s.run(
             t,
             now[rows],
@@ -339,6 +343,62 @@ def run(
         )
         s.readings(t, states[rows], p, y[rows])
     return states, y
+
+
+def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: Array) -> None:
+    """Into the start of move m: the stop before leaves the play somewhere between its ends. last: the states there."""
+    if experiment.log[m] == experiment.log[m - 1]:
+        play = p[a.BACKLASH] != 0.0
+        x = starts[m, s.MASS] + last[s.X] - last[s.MASS]
+        starts[m, s.X] = np.where(play, x, starts[m, s.X])
+        starts[m, s.PHI] = np.where(play, x / p[a.D], starts[m, s.PHI])
+
+
+def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array]) -> Array:
+    """As `simulate` for k models with a nuisance (M, 2) each: readings (k, N, 3), side by side where their steps agree."""
+    y = np.empty((len(models), experiment.t.size, 3))
+    alike: dict[Any, list[int]] = {}
+    for k, model in enumerate(models):
+        alike.setdefault((_delays(model.vector), s.paced(model.vector)), []).append(k)
+    batches = [some[at : at + s.LANES] for some in alike.values() for at in range(0, len(some), s.LANES)]
+
+    def fill(batch: list[int]) -> None:
+        ready = commands(experiment, models[batch[0]].vector)
+        if len(batch) >= _WORTH_LANES:
+            _side_by_side(
+                experiment, [models[k].vector for k in batch], [nuisances[k] for k in batch], ready, y, batch
+            )
+            return
+        for k in batch:
+            y[k] = run(experiment, models[k], nuisances[k], ready)[1]
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(fill, batches))
+    return y
+
+
+def _side_by_side(
+    experiment: Experiment, vectors: Sequence[Array], nuisances: Sequence[Array], ready: tuple[Array, Array], y: Array,
+    at: Sequence[int],
+) -> None:  # fmt: skip
+    """Readings of at most LANES parameter vectors into y[at]; lanes without one repeat the last."""
+    each = [_starts(experiment, p, nuisance) for p, nuisance in zip(vectors, nuisances, strict=True)]
+    lane = [min(k, len(vectors) - 1) for k in range(s.LANES)]
+    starts, p = np.stack([each[k] for k in lane], axis=-1), np.stack([vectors[k] for k in lane], axis=-1)
+    last = np.empty(0)
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        if m:
+            _carry_play(experiment, m, p, starts, last)
+        states = np.zeros((rows.stop - rows.start, s.COLUMNS, s.LANES))
+        s.run_lanes(
+            experiment.t[rows], ready[0][rows], ready[1][rows], experiment.fine[rows], experiment.theta[rows], p, vectors[0],
+            starts[m], states, experiment.steps,
+        )  # fmt: skip
+        last = states[-1]
+        apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
+        for k, own, vector in zip(at, apart, vectors, strict=True):
+            s.readings(experiment.t[rows], own, vector, y[k, rows])
 
 
 def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:

@@ -11,14 +11,13 @@ value, and the estimate without some of the moves, without another simulation.
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
-from observer_fi.experiment import Experiment, commands, prepare, simulate, whitened
+from observer_fi.experiment import Experiment, commands, prepare, simulate, simulate_each, whitened
 from observer_fi.models import Model, Rig, override
 from observer_fi.products import along, gram, self_gram, square
 from observer_fi.records import Array, Log, Segment
@@ -30,9 +29,6 @@ _DONE = 0.02  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
 _NUISANCE_STEP = (1e-4, 1e-6)  # A, m
 _FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip
-_DELAYS = frozenset(
-    {"input_delay", "accel_limit", "servo_delay", "tick_phase"}
-)  # these change the commands themselves
 
 
 class Free(NamedTuple):
@@ -204,18 +200,14 @@ def jacobian(
 ) -> Array:
     """(k, N, 3) change of the normalised readings for one step of each parameter."""
     known = known or {}
-    ready = commands(experiment, model.vector)
-
-    def column(f: Free) -> Array:
-        if f.name in known:
-            return known[f.name]
-        step = f.step if model[f.name] + f.step <= f.high else -f.step
-        moved = override(model, model.name, **{f.name: model[f.name] + step})
-        same = None if f.name in _DELAYS else ready
-        return (r - residuals(experiment, moved, nuisance, same)) * (f.step / step)
-
-    with ThreadPoolExecutor(2) as pool:
-        return np.array(list(pool.map(column, free))).reshape(len(free), *r.shape)
+    open_ = [f for f in free if f.name not in known]
+    step = {f.name: f.step if model[f.name] + f.step <= f.high else -f.step for f in open_}
+    moved = [override(model, model.name, **{name: model[name] + by}) for name, by in step.items()]
+    columns = dict(known)
+    for f, y in zip(open_, simulate_each(experiment, moved, [nuisance] * len(moved)), strict=True):
+        there = whitened(experiment, (experiment.z - y) * experiment.weight)
+        columns[f.name] = (r - there) * (f.step / step[f.name])
+    return np.array([columns[f.name] for f in free]).reshape(len(free), *r.shape)
 
 
 def nuisance_columns(experiment: Experiment, model: Model, nuisance: Array, r: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi import simulate as s
-from observer_fi.experiment import Experiment, commands, cut_moves, prepare, run
+from observer_fi.experiment import Experiment, commands, cut_moves, prepare, run, simulate_each
 from observer_fi.fitting import Free, inflation
 from observer_fi.kinematic_breaks import Breaks, speed_of
 from observer_fi.models import Model, Rig, override
@@ -207,6 +207,16 @@ def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Arr
     return y
 
 
+def _predict_each(
+    part: Part, plant: Model, trials: Sequence[tuple[Mapping[str, float], Array]]
+) -> list[Array]:
+    """As `predict` for several values, with a nuisance each; side by side but for a log that loses its coupling."""
+    if part.loses:
+        return [predict(part, plant, values, nuisance) for values, nuisance in trials]
+    models = [model_of(plant, values, part.number) for values, _ in trials]
+    return list(simulate_each(part.experiment, models, [nuisance for _, nuisance in trials]))
+
+
 def _run_loose(
     part: Part, model: Model, onset: float, ready: tuple[Array, Array], states: Array, y: Array
 ) -> None:
@@ -306,13 +316,16 @@ def _columns(
 ) -> tuple[Array, Array]:
     """(k, N, 3) and (2, N, 3): change of the normalised readings for one step of each parameter and nuisance."""
     columns = np.zeros((len(free), *r.shape))
-    for j, f in enumerate(free):
-        if _touches(f.name, part):
-            step = f.step if values[f.name] + f.step <= f.high else -f.step
-            there = {**values, f.name: values[f.name] + step}
-            columns[j] = (r - residuals_of(part, plant, there, nuisance)) * (f.step / step)
-    around = np.array([r - residuals_of(part, plant, values, nuisance + row) for row in np.diag(_NUISANCE)])
-    return columns, around
+    touched = [(j, f, f.step if values[f.name] + f.step <= f.high else -f.step) for j, f in enumerate(free)
+               if _touches(f.name, part)]  # fmt: skip
+    there = [({**values, f.name: values[f.name] + step}, nuisance) for _, f, step in touched]
+    off = [(values, nuisance + row) for row in np.diag(_NUISANCE)]
+    changes = [
+        r - (part.experiment.z - y) * part.experiment.weight for y in _predict_each(part, plant, there + off)
+    ]
+    for (j, f, step), change in zip(touched, changes, strict=False):
+        columns[j] = change * (f.step / step)
+    return columns, np.array(changes[len(touched) :])
 
 
 def _linearised(

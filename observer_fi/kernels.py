@@ -906,8 +906,9 @@ class Bank:
             self.state = start(self.hypotheses, self.arrays, first_readings(log.z), w_cmd[0])
         n, m = log.t.size, len(self.hypotheses)
         active = under_way(interval, w_cmd)
-        mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
-        seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))
+        mu, nis, density, strain, y, seen, states = in_one_piece(
+            (n, m), (n, m), (n, m), (n, m), (n, m, 3), (n, 3), (n, 4)
+        )
         self.recent = Recent(log.t, interval, w_cmd, log.pitch, log.z).after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
@@ -940,6 +941,13 @@ class Bank:
         kept = self.recent.t[0] if self.recent is not None else -math.inf
         while len(self.snapshots) > 1 and self.snapshots[1][0] <= kept:
             self.snapshots.popleft()
+
+
+def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
+    """Arrays of these shapes in one allocation, which the system gives in large pages: small ones cost more than a sample."""
+    sizes = [math.prod(shape) for shape in shapes]
+    parts = np.split(np.empty(sum(sizes)), np.cumsum(sizes)[:-1])
+    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as much as fifty samples

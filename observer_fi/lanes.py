@@ -96,55 +96,67 @@ def _group(
         raise ValueError("lanes take hypotheses with the states w, I, x that believe every channel")
     feeds = [_fed(log, rig, settings) for log in logs]
     lane = [min(k, len(logs) - 1) for k in range(LANES)]
-    feed = _stacked([feeds[k] for k in lane])
     work = _lanes([(feeds[k], banks[k]) for k in lane], rig, settings)
-    n, m = feed.dt.shape[0], len(banks[0])
-    mu, nis, density = np.empty((n, m, LANES)), np.empty((n, m, LANES)), np.empty((n, m, LANES))
-    run(b, kernels.tuning(settings), feed, work, mu, nis, density)
+    n, m = max(f.log.t.size for f in feeds), len(banks[0])
+    mu, nis, density = kernels.in_one_piece((n, m, LANES), (n, m, LANES), (n, m, LANES))
+    feed, tune = _room(feeds[0].interval.shape[1]), kernels.tuning(settings)
+    for first in range(0, n, kernels.BLOCK):
+        part = slice(first, min(first + kernels.BLOCK, n))
+        _fill(feed, [feeds[k] for k in lane], part)
+        run(b, tune, feed, work, mu[part], nis[part], density[part])
     return [
-        Posterior(whole.t[own], *(a[: whole.t.size, :, k][own] for a in (mu, nis, density)))
-        for k, (whole, own, _, _) in enumerate(feeds)
+        Posterior(f.log.t[f.own], *(a[: f.log.t.size, :, k][f.own] for a in (mu, nis, density)))
+        for k, f in enumerate(feeds)
     ]
 
 
-Fed = tuple[Log, slice | np.ndarray, Array, Array]
+class Fed(NamedTuple):
+    """A log with its gaps filled, n samples; which of them are its own; dt, w_cmd, active (n,) and interval (n, 2 k)."""
+
+    log: Log
+    own: slice | np.ndarray
+    dt: Array
+    w_cmd: Array
+    active: Array
+    interval: Array
 
 
 def _fed(log: Log, rig: Rig, settings: BankSettings) -> Fed:
-    """A log with its gaps filled, which samples are its own, its command at them and between."""
     log, own = LogStream().take(log)
-    kept = slice(None) if own.all() else own
-    return log, kept, *CommandStream(rig.model, settings.substep_s).intervals(log.t, log.w_cmd)
+    w_cmd, interval = CommandStream(rig.model, settings.substep_s).intervals(log.t, log.w_cmd)
+    dt = np.minimum(np.diff(log.t, prepend=np.nan), kernels.SKIPPED_S)
+    return Fed(
+        log, slice(None) if own.all() else own, dt, w_cmd, kernels.under_way(interval, w_cmd), interval
+    )
 
 
-def _stacked(feeds: list[Fed]) -> Feed:
-    """Shorter logs end in samples without readings."""
-    n = max(f[0].t.size for f in feeds)
-
-    def stacked(values: list[Array], end: float) -> Array:
-        out = np.empty((n, *values[0].shape[1:], LANES))
-        for k, value in enumerate(values):
-            out[: value.shape[0], ..., k] = value
-            out[value.shape[0] :, ..., k] = end
-        return out
-
-    dt = [np.minimum(np.diff(f[0].t, prepend=np.nan), kernels.SKIPPED_S) for f in feeds]
+def _room(steps: int) -> Feed:
+    """A Feed for a block of samples, `steps` half-steps in an interval."""
+    n = kernels.BLOCK
     return Feed(
-        stacked(dt, 1e-3), stacked([f[3] for f in feeds], 0.0), stacked([f[2] for f in feeds], 0.0),
-        stacked([f[0].pitch for f in feeds], 0.0),
-        stacked([kernels.under_way(f[3], f[2]).astype(np.float64) for f in feeds], 0.0),
-        stacked([f[0].z for f in feeds], np.nan),
+        np.empty((n, LANES)), np.empty((n, steps, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)),
+        np.empty((n, 3, LANES)),
     )  # fmt: skip
+
+
+def _fill(feed: Feed, feeds: list[Fed], part: slice) -> None:
+    """Put a block of samples into feed; a log that has ended has no readings and stands still."""
+    for k, f in enumerate(feeds):
+        own = (f.dt, f.interval, f.w_cmd, f.log.pitch, f.active, f.log.z)
+        for room, values, end in zip(feed, own, (1e-3, 0.0, 0.0, 0.0, 0.0, np.nan), strict=True):
+            here = values[part]
+            room[: here.shape[0], ..., k] = here
+            room[here.shape[0] :, ..., k] = end
 
 
 def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...]]], rig: Rig, settings: BankSettings) -> Lanes:
     starts, p = [], []
     made: dict[int, BankArrays] = {}  # logs often share their hypotheses
-    for (whole, _, w_cmd, _), bank in lanes:
+    for f, bank in lanes:
         if id(bank) not in made:
             made[id(bank)] = arrays(bank, rig, settings)
         b = made[id(bank)]
-        starts.append(kernels.start(bank, b, kernels.first_readings(whole.z), w_cmd[0]))
+        starts.append(kernels.start(bank, b, kernels.first_readings(f.log.z), f.w_cmd[0]))
         p.append(b.parameters)
     m = len(lanes[0][1])
     P = np.array([s.P for s in starts])
@@ -350,19 +362,19 @@ def _feed_rows(feed):
 
 @uncounted
 def run(b, tune, feed, s, out_mu, out_nis, out_density):
-    """All lanes over n samples; out_mu, out_nis, out_density (n, m, L)."""
+    """All lanes over the next n samples; out_mu, out_nis, out_density (n, m, L). The first of a log has no time step."""
     m, steps, f, r = s.mu.shape[0], feed.interval.shape[1] // 2, _feed_rows(feed), _rows(s)
     mu, nis, density = side_by_side(out_mu, ALL), side_by_side(out_nis, ALL), side_by_side(out_density, ALL)
-    for k in range(feed.dt.shape[0]):
-        active = f.active[k]
-        mixing = k > 0 and some(active)
+    for k in range(out_mu.shape[0]):
+        active, first = f.active[k], feed.dt[k, 0] != feed.dt[k, 0]
+        mixing = not first and some(active)
         r.stopped[0] = above(abs(f.w_cmd[k]), 0.0, r.stopped[0], 1.0)
         if mixing:
             _transitions(b, tune, feed, s, f, r, k)
             _mix(m, r, active)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         for j in range(m):
-            if k > 0:
+            if not first:
                 _predict(j, b, tune, steps, f, r, k, from_x, from_P)
         for j in range(m):  # a loop of its own: the processor works at several hypotheses at once
             _update(j, b, tune, f, r, k, nis)

@@ -27,51 +27,52 @@ class Onset(NamedTuple):
 
 
 class _Single:
-    """One hypothesis as a bank of its own."""
+    """One hypothesis as a bank of its own, over windows of at most n samples."""
 
-    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -> None:
+    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, n: int) -> None:
         self.arrays = arrays((hypothesis,), rig, settings)
         self.tuning = kernels.tuning(settings)
         self.scratch = kernels.scratch(self.arrays)
+        self.still = np.zeros(n, dtype=np.bool_)
+        self.out = kernels.in_one_piece((n, 1), (n, 1), (n, 1, 3), (n, 3), (n, 4), (n, 1), (n, 1))
 
     def density(self, state: BankState, w: Recent, first: int, last: int) -> Array:
         """Log-densities of samples first:last, (last - first,), from `state` on, which is overwritten."""
-        n = last - first
-        out = [np.empty((n, 1)) for _ in range(4)]
-        part = slice(first, last)
+        part, out = slice(first, last), [a[: last - first] for a in self.out]
         kernels.run(
             self.arrays, self.tuning, state, self.scratch, w.t[part], w.interval[part], w.w_cmd[part], w.theta[part], w.z[part],
-            np.zeros(n, dtype=np.bool_), out[0], out[1], np.empty((n, 1, 3)), np.empty((n, 3)), np.empty((n, 4)), out[2], out[3],
+            self.still[: last - first], *out,
         )  # fmt: skip
-        return out[2][:, 0]
+        return out[5][:, 0]
 
 
 def copied(state: BankState) -> BankState:
     """A copy of a bank's memory."""
-    return BankState(*(np.array(a) for a in state))
+    return BankState(*(a.copy() for a in state))
 
 
-def entered(
-    nominal: BankState, source: Hypothesis, target: Hypothesis, single: _Single, settings: BankSettings
-) -> BankState:
-    """The target's memory when it is entered from the source's: shared states kept, the others from their entry prior."""
-    b = single.arrays
-    n, room = len(target.states), kernels.padded(b)
-    x, P = np.zeros((1, room)), np.zeros((1, room, room))
-    x[0, :n], P[0, :n, :n] = b.entry_mean[0], np.diag(b.entry_var[0])
-    for k, state in enumerate(target.states):
-        if state not in source.states:
-            continue
-        at = source.states.index(state)
-        x[0, k] = nominal.x[0, at]
-        for q, other in enumerate(target.states):
-            if other in source.states:
-                P[0, k, q] = nominal.P[0, at, source.states.index(other)]
-    bias = np.zeros((1, 2))
-    if target.failed >= 0:
-        bias[0, 1] = settings.bias_entry**2 * b.noise[target.failed]
-    fresh = copied(nominal)
-    return fresh._replace(x=x, P=P, bias=bias)
+class _Entry:
+    """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior."""
+
+    def __init__(
+        self, source: Hypothesis, target: Hypothesis, single: _Single, settings: BankSettings
+    ) -> None:
+        b = single.arrays
+        n, room = len(target.states), kernels.padded(b)
+        self.x, self.P, self.bias = np.zeros((1, room)), np.zeros((1, room, room)), np.zeros((1, 2))
+        self.x[0, :n], self.P[0, :n, :n] = b.entry_mean[0], np.diag(b.entry_var[0])
+        if target.failed >= 0:
+            self.bias[0, 1] = settings.bias_entry**2 * b.noise[target.failed]
+        shared = [state for state in target.states if state in source.states]
+        self.to = np.array([target.states.index(state) for state in shared])
+        self.at = np.array([source.states.index(state) for state in shared])
+
+    def __call__(self, nominal: BankState) -> BankState:
+        """The target's memory from the source's."""
+        x, P = self.x.copy(), self.P.copy()
+        x[0, self.to] = nominal.x[0, self.at]
+        P[0, self.to[:, None], self.to] = nominal.P[0, self.at[:, None], self.at]
+        return copied(nominal._replace(x=x, P=P, bias=self.bias))
 
 
 def find_onset(
@@ -84,18 +85,19 @@ def find_onset(
     n = window.t.size
     if n < 2:
         raise ValueError(f"an onset needs a window of at least 2 samples, got {n}")
-    own, other = _Single(nominal, rig, settings), _Single(fault, rig, settings)
+    own, other = _Single(nominal, rig, settings, n), _Single(fault, rig, settings, n)
+    entry = _Entry(nominal, fault, other, settings)
     states, until, state = [], [0.0], copied(start)
     for k in range(0, n, STRIDE):
         states.append(copied(state))
         until.append(until[-1] + float(own.density(state, window, k, min(k + STRIDE, n)).sum()))
 
     def score(k: int) -> float:
-        before, past = copied(states[k // STRIDE]), until[k // STRIDE]
+        before, past = states[k // STRIDE], until[k // STRIDE]
         if k % STRIDE:
+            before = copied(before)
             past += float(own.density(before, window, k - k % STRIDE, k).sum())
-        after = entered(before, nominal, fault, other, settings)
-        return past + float(other.density(after, window, k, n).sum())
+        return past + float(other.density(entry(before), window, k, n).sum())
 
     scores = {k: score(k) for k in range(0, n, STRIDE)}
     best = max(scores, key=lambda k: scores[k])
@@ -133,7 +135,7 @@ def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> On
     if end - begin < 2:
         return None
     nominal = bank.hypotheses[0]
-    single = _Single(nominal, bank.rig, bank.settings)
+    single = _Single(nominal, bank.rig, bank.settings, recent.t.size)
     state = copied(state)
     first = min(max(int(np.searchsorted(recent.t, first_s)), begin), end - 2)
     if first > begin:

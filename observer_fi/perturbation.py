@@ -104,7 +104,7 @@ def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
             S[kind, k, 1] = a.current_reading(S[kind, k, 1], p) - a.current_reading(0.0, p)
         G[SPEED_COMMAND, k, 1] = t
         G[TORQUE, k, 0] = tr.constant_transition(by_w, by_x, 0.0, -per_J, 0.0, t)
-        G[FRICTION, k, 0] = tr.sign_of(w) * G[TORQUE, k, 0]
+        G[FRICTION, k, 0] = a.sign_of(w) * G[TORQUE, k, 0]
         G[DRAG, k, 0] = w * G[TORQUE, k, 0]
         G[STOP, k, 0] = G[TORQUE, k, 0] if d != 0.0 else 0.0
         G[MASS_SPEED, k, 2] = t

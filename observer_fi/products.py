@@ -2,51 +2,61 @@
 
 import numpy as np
 
-from observer_fi.compiled import compiled
+from observer_fi.compiled import compiled, inlined
 from observer_fi.records import Array
+from observer_fi.rows import MOST, dot, load, zeros
+
+EIGHT = (0,) * MOST
 
 _DEPENDENT = (
     1e-12  # of the largest eigenvalue of the rows' correlation: below, a row adds nothing but rounding
 )
 
 
+@inlined
+def _inner(A: Array, i: int, B: Array, j: int) -> float:
+    """Product of row i of A and row j of B, (k, n) and (l, n): eight sums side by side, always in the same order."""
+    n = A.shape[1]
+    total, ends = zeros(EIGHT), 0.0
+    for m in range(0, n - MOST + 1, MOST):
+        total = total + load(A, i * n + m, EIGHT) * load(B, j * n + m, EIGHT)
+    for m in range(n - n % MOST, n):
+        ends += A[i, m] * B[j, m]
+    return dot(total, zeros(EIGHT) + 1.0) + ends
+
+
 @compiled
-def gram(A: Array, B: Array) -> Array:
-    """A B' for rows A (k, n) and B (l, n)."""
+def _gram(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], B.shape[0]))
     for i in range(A.shape[0]):
         for j in range(B.shape[0]):
-            total = 0.0
-            for m in range(A.shape[1]):
-                total += A[i, m] * B[j, m]
-            out[i, j] = total
+            out[i, j] = _inner(A, i, B, j)
     return out
 
 
 @compiled
-def self_gram(A: Array) -> Array:
-    """A A' for rows A (k, n)."""
+def _self_gram(A: Array) -> Array:
     out = np.empty((A.shape[0], A.shape[0]))
     for i in range(A.shape[0]):
         for j in range(i + 1):
-            total = 0.0
-            for m in range(A.shape[1]):
-                total += A[i, m] * A[j, m]
-            out[i, j] = total
-            out[j, i] = total
+            out[i, j] = _inner(A, i, A, j)
+            out[j, i] = out[i, j]
     return out
 
 
-@compiled
+def gram(A: Array, B: Array) -> Array:
+    """A B' for rows A (k, n) and B (l, n)."""
+    return _gram(np.ascontiguousarray(A), np.ascontiguousarray(B))
+
+
+def self_gram(A: Array) -> Array:
+    """A A' for rows A (k, n)."""
+    return _self_gram(np.ascontiguousarray(A))
+
+
 def along(A: Array, y: Array) -> Array:
     """A y for rows A (k, n) and y (n,)."""
-    out = np.empty(A.shape[0])
-    for i in range(A.shape[0]):
-        total = 0.0
-        for m in range(y.size):
-            total += A[i, m] * y[m]
-        out[i] = total
-    return out
+    return gram(A, y[None])[:, 0]
 
 
 @compiled

@@ -320,11 +320,12 @@ def _zeros(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 @lower_builtin(rows.seldom, types.Any)
 def _seldom(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    found = _some(context, builder, sig, args)
     bit = ir.IntType(1)
     expect = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(bit, [bit, bit]), "llvm.expect.i1"
     )
-    return builder.call(expect, [_some(context, builder, sig, args), ir.Constant(bit, 0)])
+    return builder.call(expect, [found, ir.Constant(bit, 0)])
 
 
 @lower_builtin(rows.some, types.Any)

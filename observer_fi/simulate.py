@@ -8,13 +8,17 @@ temperature, supply sag) move once a step. Backlash is a play between the screw 
 import math
 
 from observer_fi import actuator as a
-from observer_fi.compiled import compiled, inlined
+from observer_fi.compiled import compiled, inlined, uncounted
+from observer_fi.records import Array
+from observer_fi.rows import MOST, above, exp, larger, nothing, seldom, side_by_side, signed, some
 
 STATES = ("w", "I", "x", "phi", "h", "sag", "c", "mass")
 W, I, X, PHI, H, SAG, LAGGED, MASS = range(len(STATES))
 CURRENT = len(STATES)  # column of the motor current in the output of `run`
 BETWEEN = CURRENT + 1  # three columns: terminal voltage at the quarters of the interval that begins here
 COLUMNS = BETWEEN + 3
+LANES = MOST
+ALL = (0,) * LANES
 _LAG_STEP = 1.5  # RK4 is stable up to 2.8 time constants of the current lag in one step
 _MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval cannot be simulated
 
@@ -23,24 +27,29 @@ _MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval 
 def _drive_current(w, I, c, h, sag, late, torque, moving, p):
     """Motor current of equation 6, through the lag or the delay of the servo where there is one [A].
 
-    late: the command as the proportional path sees it [rad/s]. torque: applied torque, used while moving [N m].
+    late: the command as the proportional path sees it [rad/s]. torque: applied torque, used while moving (1, else 0) [N m].
     """
-    i_cmd = c
-    if p[a.EXTENDED] == 0.0 or p[a.CURRENT_LAG] == 0.0:
-        i_cmd = a.command_current(w, I, late, p)
-        if moving and p[a.SERVO_DELAY] != 0.0:
-            i_cmd = a.late_current(i_cmd, torque, p)
-    elif p[a.LAG_BEHIND_LIMIT] != 0.0:
-        return c
-    return a.limited_current(i_cmd, w, h, sag, p)
+    i_cmd = a.command_current(w, I, late, p)
+    if seldom(p[a.EXTENDED]):
+        if seldom(p[a.SERVO_DELAY]):
+            i_cmd = above(moving, 0.0, a.late_current(i_cmd, torque, p), i_cmd)
+        i_cmd = above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
+    i = a.limited_current(i_cmd, w, h, sag, p)
+    if seldom(p[a.EXTENDED]):
+        i = above(p[a.CURRENT_LAG] * p[a.LAG_BEHIND_LIMIT], 0.0, c, i)
+    return i
 
 
 @inlined
 def _lagged_goal(i_cmd, w, h, sag, p):
     """What the lagged current tends to: the command, or what the supply allows of it where the current itself lags [A]."""
-    if p[a.LAG_BEHIND_LIMIT] != 0.0:
-        return a.limited_current(i_cmd, w, h, sag, p)
-    return i_cmd
+    return above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, a.limited_current(i_cmd, w, h, sag, p), i_cmd)
+
+
+@inlined
+def _lag(p):
+    """Time constant of the inner loop, 1 s where there is none and nobody asks [s]."""
+    return above(p[a.CURRENT_LAG], 0.0, p[a.CURRENT_LAG], 1.0)
 
 
 @inlined
@@ -48,17 +57,16 @@ def _rates(s, w, I, x, phi, h, sag, c, w_cmd, late, theta, p):
     """Rates of (w, I, x, c) for the sign of motion s: equations 8, 10, 12 and the lag of the inner loop."""
     d = a.indentation(x, p)
     torque = a.applied_torque(s, w, x, d, phi, theta, p)
-    i = _drive_current(w, I, c, h, sag, late, torque, True, p)
+    i = _drive_current(w, I, c, h, sag, late, torque, 1.0, p)
     dw = a.acceleration(i, torque, p)
     dI = w_cmd - w
-    dc = 0.0
-    if p[a.EXTENDED] != 0.0:
-        if abs(I) >= p[a.INTEGRATOR_LIMIT] and dI * I > 0.0:
-            dI = 0.0
-        if p[a.CURRENT_LAG] > 0.0:
+    dc = nothing(w)
+    if seldom(p[a.EXTENDED]):
+        dI = above(dI * I, 0.0, above(p[a.INTEGRATOR_LIMIT], abs(I), dI, 0.0), dI)
+        if seldom(p[a.CURRENT_LAG]):
             i_cmd = a.command_current(w, I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
             goal = _lagged_goal(i_cmd, w, h, sag, p)
-            dc = (goal - c) / p[a.CURRENT_LAG]
+            dc = above(p[a.CURRENT_LAG], 0.0, (goal - c) / _lag(p), 0.0)
     return dw, dI, a.mass_speed(w, d, torque, p), dc
 
 
@@ -86,64 +94,119 @@ def _slide(s, w, I, x, phi, h, sag, c, t, c0, c1, c2, l0, l1, l2, theta, p):
 @inlined
 def _breakaway(I, x, phi, h, sag, c, late, theta, p):
     """Sign in which the drive torque overcomes friction at rest, 0 where friction holds."""
-    i = _drive_current(0.0, I, c, h, sag, late, 0.0, False, p)
-    push = p[a.KM] * i - a.load_torque(0.0, x, a.indentation(x, p), phi, theta, p)
-    hold = a.friction(0.0, x, theta, p)
-    asymmetry = p[a.FRICTION_ASYMMETRY]
-    if push > hold + asymmetry:
-        return 1.0
-    if push < -hold + asymmetry:
-        return -1.0
-    return 0.0
+    still = nothing(I)
+    i = _drive_current(still, I, c, h, sag, late, still, 0.0, p)
+    push = p[a.KM] * i - a.load_torque(still, x, a.indentation(x, p), phi, theta, p)
+    hold, asymmetry = a.friction(still, x, theta, p), p[a.FRICTION_ASYMMETRY]
+    return above(push, hold + asymmetry, 1.0, above(asymmetry - hold, push, -1.0, still))
 
 
 @inlined
 def _rest(I, c, t, h, sag, w_cmd, late, p):
     """Integral and lagged current after a time t at standstill."""
-    if p[a.EXTENDED] == 0.0:
-        return I + t * w_cmd, c
-    if not (abs(I) >= p[a.INTEGRATOR_LIMIT] and w_cmd * I > 0.0):
-        I += t * w_cmd
-    if p[a.CURRENT_LAG] > 0.0:
-        goal = _lagged_goal(a.command_current(0.0, I, late, p), 0.0, h, sag, p)
-        c = goal + (c - goal) * math.exp(-t / p[a.CURRENT_LAG])
+    wound = t * w_cmd
+    if seldom(p[a.EXTENDED]):
+        wound = above(w_cmd * I, 0.0, above(p[a.INTEGRATOR_LIMIT], abs(I), wound, 0.0), wound)
+    I = I + wound
+    if seldom(p[a.EXTENDED]) and seldom(p[a.CURRENT_LAG]):
+        still = nothing(I)
+        goal = _lagged_goal(a.command_current(still, I, late, p), still, h, sag, p)
+        c = above(p[a.CURRENT_LAG], 0.0, goal + (c - goal) * exp(-t / _lag(p)), c)
     return I, c
 
 
 @inlined
 def _advance(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
     """One step of the plant with stick-slip: (w, I, x, phi, c) at its end."""
-    left = step
+    s = a.sign_of(w)
+    if seldom(1.0 - abs(s)):
+        return _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
+    w1, I1, x1, phi1, q1 = _slide(s, w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
+    if seldom(above(0.0, w1 * s, 1.0, 0.0)):
+        w1, I1, x1, phi1, q1 = _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p)
+    return w1, I1, x1, phi1, q1
+
+
+@uncounted
+def _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
+    """As `_advance`, for a step with standstill or a change of direction in it; `left` of it is still to go."""
+    left = step + nothing(w)
     for _ in range(4):
-        s = 0.0
-        if w > 0.0:
-            s = 1.0
-        elif w < 0.0:
-            s = -1.0
-        else:
-            s = _breakaway(I, x, phi, h, sag, c, l1, theta, p)
-        if s == 0.0:
-            I, c = _rest(I, c, left, h, sag, c1, l1, p)
-            break
+        s = a.sign_of(w)
+        if some(1.0 - abs(s)):
+            s = above(abs(s), 0.0, s, _breakaway(I, x, phi, h, sag, c, l1, theta, p))
+            held = above(abs(s), 0.0, 0.0, left)
+            I1, c_held = _rest(I, c, held, h, sag, c1, l1, p)
+            I, c, left = above(held, 0.0, I1, I), above(held, 0.0, c_held, c), left - held
+            if not some(left):
+                break
         f = 1.0 - left / step
         w1, I1, x1, phi1, q1 = _slide(
             s, w, I, x, phi, h, sag, c, left, c0 + (c2 - c0) * f, c1, c2, l0 + (l2 - l0) * f, l1, l2, theta, p
         )
-        if w1 * s >= 0.0:
-            return w1, I1, x1, phi1, q1
-        share = w / (w - w1) if w != 0.0 else 0.0
-        I += share * (I1 - I)
-        x += share * (x1 - x)
-        phi += share * (phi1 - phi)
-        c += share * (q1 - c)
-        w = 0.0
-        left *= 1.0 - share
-        if left <= 1e-9 * step:
-            break
-        if share == 0.0:
-            I, c = _rest(I, c, left, h, sag, c1, l1, p)
+        back = -(w1 * s)
+        share = above(back, 0.0, above(abs(w), 0.0, w / (w - w1), 0.0), 1.0)
+        I, x = above(back, 0.0, I + share * (I1 - I), I1), above(back, 0.0, x + share * (x1 - x), x1)
+        phi, c = (
+            above(back, 0.0, phi + share * (phi1 - phi), phi1),
+            above(back, 0.0, c + share * (q1 - c), q1),
+        )
+        w, left = above(back, 0.0, 0.0, w1), above(back, 0.0, left * (1.0 - share), 0.0)
+        left = above(left, 1e-9 * step, left, 0.0)
+        if some(above(share, 0.0, 0.0, left)):  # thrown back at once: it rests
+            held = above(share, 0.0, 0.0, left)
+            I1, c_held = _rest(I, c, held, h, sag, c1, l1, p)
+            I, c, left = above(held, 0.0, I1, I), above(held, 0.0, c_held, c), left - held
+        if not some(left):
             break
     return w, I, x, phi, c
+
+
+@inlined
+def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
+    """As `run`, of numbers or rows. pace: the parameters that say how many steps an interval has."""
+    n = t.size
+    w, I, x, phi = start[0], start[1], start[2], start[3]
+    h, sag, c, mass = start[4], start[5], start[6], start[7]
+    half_gap = 0.5 * p[a.BACKLASH]
+    extended = seldom(p[a.EXTENDED])
+    for j in range(n):
+        low = nothing(sag)
+        if extended:
+            low = sag + p[a.SUPPLY_DRIFT] * t[j]
+        torque = a.applied_torque(signed(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
+        i = _drive_current(w, I, c, h, low, late[j, 0], torque, abs(w), p)
+        out[j, 0], out[j, 1], out[j, 2], out[j, 3] = w, I, x, phi
+        out[j, 4], out[j, 5], out[j, 6], out[j, 7], out[j, 8] = h, sag, c, mass, i
+        if j + 1 == n:
+            break
+        dt = t[j + 1] - t[j]
+        end, late_end = commands[j + 1, 0], late[j + 1, 0]
+        pieces = _pieces(dt, steps if fine[j] else 1, pace)
+        c0, l0 = commands[j, 0], late[j, 0]
+        for m in range(pieces):
+            c1 = _within(commands, j, end, (m + 0.5) / pieces)
+            c2 = _within(commands, j, end, (m + 1.0) / pieces)
+            l1 = _within(late, j, late_end, (m + 0.5) / pieces)
+            l2 = _within(late, j, late_end, (m + 1.0) / pieces)
+            w, I, x, phi, c = _advance(
+                w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
+            )
+            c0, l0 = c2, l2
+            if extended and seldom(p[a.VOLTAGE_DELAY]) and 4 * (m + 1) % pieces == 0 and m + 1 < pieces:
+                torque = a.applied_torque(signed(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
+                i = _drive_current(w, I, c, h, low, l0, torque, abs(w), p)
+                out[j, BETWEEN + 4 * (m + 1) // pieces - 1] = a.terminal_voltage(i, w, h, p)
+        if extended:
+            limit = p[a.INTEGRATOR_LIMIT]
+            I = above(I, limit, limit, above(-limit, I, -limit, I))
+            h = h + dt * a.heating(i, h, p)
+            if seldom(p[a.SAG_RESISTANCE]):
+                goal = p[a.SAG_RESISTANCE] * abs(i)
+                later = goal + (sag - goal) * exp(-dt / p[a.SAG_TIME])
+                sag = above(abs(p[a.SAG_RESISTANCE]), 0.0, later, sag)
+        mass = larger(mass, x - half_gap)
+        mass = above(mass, x + half_gap, x + half_gap, mass)
 
 
 @compiled
@@ -155,43 +218,23 @@ def run(t, commands, late, fine, theta, p, start, out, steps=2):
     four or two. theta: (n,) deg. p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 12), the
     states, the motor current, and the terminal voltage at the quarters of the interval where something asks for it.
     """
-    n = t.size
-    w, I, x, phi = start[0], start[1], start[2], start[3]
-    h, sag, c, mass = start[4], start[5], start[6], start[7]
-    half_gap = 0.5 * p[a.BACKLASH]
-    extended = p[a.EXTENDED] != 0.0
-    for j in range(n):
-        low = sag + p[a.SUPPLY_DRIFT] * t[j] if extended else 0.0
-        torque = a.applied_torque(math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
-        i = _drive_current(w, I, c, h, low, late[j, 0], torque, w != 0.0, p)
-        out[j, 0], out[j, 1], out[j, 2], out[j, 3] = w, I, x, phi
-        out[j, 4], out[j, 5], out[j, 6], out[j, 7], out[j, 8] = h, sag, c, mass, i
-        if j + 1 == n:
-            break
-        dt = t[j + 1] - t[j]
-        end, late_end = commands[j + 1, 0], late[j + 1, 0]
-        pieces = _pieces(dt, steps if fine[j] else 1, p)
-        c0, l0 = commands[j, 0], late[j, 0]
-        for m in range(pieces):
-            c1 = _within(commands, j, end, (m + 0.5) / pieces)
-            c2 = _within(commands, j, end, (m + 1.0) / pieces)
-            l1 = _within(late, j, late_end, (m + 0.5) / pieces)
-            l2 = _within(late, j, late_end, (m + 1.0) / pieces)
-            w, I, x, phi, c = _advance(
-                w, I, x, phi, h, low, c, dt / pieces, c0, c1, c2, l0, l1, l2, theta[j], p
-            )
-            c0, l0 = c2, l2
-            if extended and p[a.VOLTAGE_DELAY] != 0.0 and 4 * (m + 1) % pieces == 0 and m + 1 < pieces:
-                torque = a.applied_torque(math.copysign(1.0, w), w, x, a.indentation(x, p), phi, theta[j], p)
-                i = _drive_current(w, I, c, h, low, l0, torque, w != 0.0, p)
-                out[j, BETWEEN + 4 * (m + 1) // pieces - 1] = a.terminal_voltage(i, w, h, p)
-        if extended:
-            I = min(max(I, -p[a.INTEGRATOR_LIMIT]), p[a.INTEGRATOR_LIMIT])
-            h += dt * a.heating(i, h, p)
-            if p[a.SAG_RESISTANCE] != 0.0:
-                goal = p[a.SAG_RESISTANCE] * abs(i)
-                sag = goal + (sag - goal) * math.exp(-dt / p[a.SAG_TIME])
-        mass = min(max(mass, x - half_gap), x + half_gap)
+    _run(t, commands, late, fine, theta, p, p, start, out, steps)
+
+
+@compiled
+def run_lanes(t, commands, late, fine, theta, p, pace, start, out, steps=2):
+    """As `run` for LANES parameter vectors at once, alike in `paced`: p (VECTOR_SIZE, L), start (8, L), out (n, 12, L).
+
+    pace: one of the vectors.
+    """
+    _run(
+        t, commands, late, fine, theta, side_by_side(p, ALL), pace, side_by_side(start, ALL), side_by_side(out, ALL), steps
+    )  # fmt: skip
+
+
+def paced(p: Array) -> tuple[float, bool]:
+    """What of a parameter vector decides how many steps an interval has: the lag, and whether the voltage is late."""
+    return float(p[a.CURRENT_LAG]), bool(p[a.VOLTAGE_DELAY] != 0.0)
 
 
 @inlined

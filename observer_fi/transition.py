@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from observer_fi import actuator as a
-from observer_fi.compiled import inlined
+from observer_fi.compiled import inlined, uncounted
 from observer_fi.rows import above, exp, nothing, seldom, signed, some
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
@@ -137,23 +137,17 @@ def _advance_slow(w0, w, I, t, w_cmd, slow, p):
     return phi, h, sag, c
 
 
-@inlined
-def sign_of(w):
-    """Sign of motion, 0 at rest."""
-    return above(w, 0.0, 1.0, above(0.0, w, -1.0, nothing(w)))
-
-
-@inlined
-def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
-    """One step with stick and slip: (w, I, x, d, 1 where the motor rests at its end, else 0).
+@uncounted
+def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
+    """One step with standstill or a change of direction in it: (w, I, x, d, 1 where the motor rests at its end, else 0).
 
     A speed that passes zero is cut there, and the rest of the step goes on from standstill; `left` is what is still to go.
     """
     phi, h, sag, c = slow
     resting, left = nothing(w), step + nothing(w)
     for _ in range(3):
-        s = sign_of(w)
-        if seldom(1.0 - abs(s)):
+        s = a.sign_of(w)
+        if some(1.0 - abs(s)):
             s = above(abs(s), 0.0, s, _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p))
             held = above(abs(s), 0.0, 0.0, left)
             I, pos, resting = I + held * mean, pos + held * rate, above(held, 0.0, 1.0, resting)
@@ -162,16 +156,26 @@ def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
                 break
         w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, left, c0, mean, theta, torque, rate, p)
         back = -(w1 * s)
-        if not seldom(above(back, 0.0, 1.0, 0.0)):
-            w, I, pos, d = w1, I1, x1, d1
-            break
-        share = above(abs(w), 0.0, w / (w - w1), 1.0)
+        share = above(back, 0.0, above(abs(w), 0.0, w / (w - w1), 1.0), 1.0)
         w, left = above(back, 0.0, 0.0, w1), above(back, 0.0, left * (1.0 - share), 0.0)
         I, pos = above(back, 0.0, I + share * (I1 - I), I1), above(back, 0.0, pos + share * (x1 - pos), x1)
         d, left = above(back, 0.0, d + share * (d1 - d), d1), above(left, STOPS_WITHIN * step, left, 0.0)
         if not some(left):
             break
     return w, I, pos, d, resting
+
+
+@inlined
+def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
+    """As `_stick`, and the shorter way where the motor keeps its direction."""
+    phi, h, sag, c = slow
+    s, resting = a.sign_of(w), nothing(w)
+    if seldom(1.0 - abs(s)):
+        return _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
+    w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, step, c0, mean, theta, torque, rate, p)
+    if seldom(above(0.0, w1 * s, 1.0, 0.0)):
+        w1, I1, x1, d1, resting = _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
+    return w1, I1, x1, d1, resting
 
 
 @inlined

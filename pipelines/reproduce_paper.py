@@ -17,6 +17,7 @@ import numpy as np
 from observer_fi import paper_residuals as residuals
 from observer_fi.chart import Figure, padded
 from observer_fi.comparison import open_loop_estimate
+from observer_fi.diagnose import make_bank
 from observer_fi.figures import COLOURS, MEASURED, MIXTURE, WORDS
 from observer_fi.models import Rig, load_rig
 from observer_fi.output import write_folder
@@ -47,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         log, truth = synthesise(
             Scenario(MOVE, SECONDS, fault=Fault(fault, DETECTED), spread=True, seed=number), rig, fault
         )
-        estimate = open_loop_estimate(log, rig, Settings(), DETECTED)
+        estimate = open_loop_estimate(log, make_bank(rig, Settings()).advance(log), rig, DETECTED)
         figures[f"figure_{number}"] = residual_figure(number, estimate)
         verdicts[number] = (truth.label, MIXTURE[int(estimate.probability[-1].argmax())])
     text = (

@@ -45,7 +45,7 @@ CURVES = [
     Curve("sensor:position", "position", False, -1e-3, 1e-3, (0.0, 1e-5, -2e-5)),
     Curve("torque", "shaft_angle", False, 0.0, 2.0, (0.0, 1e-5, -2e-5)),
 ]
-STEPS = ("motion_slopes", "driven", "readings", "motion_transition", "constant_transition", "sign_of")
+STEPS = ("motion_slopes", "driven", "readings", "motion_transition", "constant_transition")
 EQUATIONS = [
     f for m in (a, tr) for _, f in inspect.getmembers(m)
     if hasattr(f, "py_func") and f.py_func.__module__ == m.__name__
