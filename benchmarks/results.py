@@ -36,9 +36,10 @@ class Cost(NamedTuple):
     cpu: float
 
 
-def timed(call: Callable[[], object], runs: int = 5) -> Cost:
-    """Median cost of a call, after one that warms up."""
-    call()
+def timed(call: Callable[[], object], runs: int = 5, warm: bool = False) -> Cost:
+    """Median cost of a call, after one that warms up unless it is warm."""
+    if not warm:
+        call()
     walls, cpus = [], []
     for _ in range(runs):
         wall, cpu = time.perf_counter(), time.process_time()
@@ -46,6 +47,19 @@ def timed(call: Callable[[], object], runs: int = 5) -> Cost:
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
     return Cost(statistics.median(walls), statistics.median(cpus))
+
+
+def timed_against(
+    call: Callable[[], object], yardstick: Callable[[], object], runs: int
+) -> tuple[Cost, float]:
+    """Median cost of a call, and the median of processor time of a yardstick over its own, one after the other each run.
+
+    A machine that changes its pace between two measurements changes both of a pair.
+    """
+    call()
+    pairs = [(timed(yardstick, 1, warm=True), timed(call, 1, warm=True)) for _ in range(runs)]
+    cost = Cost(*(statistics.median(values) for values in zip(*(own for _, own in pairs), strict=True)))
+    return cost, statistics.median(other.cpu / own.cpu for other, own in pairs)
 
 
 class Process(NamedTuple):
