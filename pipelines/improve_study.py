@@ -1,8 +1,8 @@
 """How well `improve` names what is hidden from it: many seeds of the independent truth, one table.
 
-    python pipelines/improve_study.py --first 40000 --out reports/improve.md
+    python pipelines/improve_study.py --first 41000 --out reports/improve.md
 
-Seeds below 40000 were seen while thresholds were set; the report uses seeds from 40000 on. A run that was interrupted
+Seeds below 41000 were seen while thresholds were set; the report uses seeds from 41000 on. A run that was interrupted
 goes on where it stopped.
 """
 
@@ -21,7 +21,7 @@ from observer_fi.improve_study import PAIRS, Case, case_of, run_case, summary  #
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--first", type=int, default=40000, help="first seed")
+    parser.add_argument("--first", type=int, default=41000, help="first seed")
     parser.add_argument("--sizes", default="3:2,10:1,1:1", help="sizes in units of the detectable one: seeds")
     parser.add_argument("--controls", type=int, default=40, help="seeds without any effect")
     parser.add_argument("--pairs", type=int, default=2, help="seeds for each pair of effects")
