@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from observer_fi.experiment import Experiment, commands, prepare, simulate, simulate_each, whitened
-from observer_fi.models import Model, Rig, override
+from observer_fi.experiment import Experiment, commands, simulate, simulate_each, whitened
+from observer_fi.models import Model, override
 from observer_fi.products import along, gram, self_gram, square
-from observer_fi.records import Array, Log, Segment
+from observer_fi.records import Array
 
 _ITERATIONS = 20
 _WHITE_LAGS = 20
@@ -91,19 +91,6 @@ class FitResult:
         """(k, k)."""
         d = np.sqrt(np.diag(self.covariance))
         return self.covariance / np.outer(d, d)
-
-
-def fit_logs(
-    logs: Sequence[Log], rig: Rig, free: Sequence[Free], moves: Sequence[Sequence[Segment]] | None = None
-) -> FitResult:
-    """Fit of a rig to logs; see `fit`."""
-    return fit(prepare(logs, rig, moves), rig.model, free)
-
-
-def simulate_log(log: Log, rig: Rig, model: Model) -> tuple[Array, Array]:
-    """Times (N,) and readings (N, 3) of a model over the moves of a log, each from the rest before it."""
-    experiment = prepare([log], rig)
-    return experiment.t, simulate(experiment, model, np.zeros((experiment.moves, 2)))
 
 
 def fit(

@@ -129,11 +129,7 @@ def improve(
     if rig.drive != "pi_servo":
         raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
-    model = _with_stops(experiment, logs, rig)
-    naming = name_causes(experiment, rig, model, settings, progress)
-    if model != rig.model and not _stops_matter(experiment, rig.model, naming):
-        progress("without the stops, which what was named explains")
-        naming = name_again(experiment, rig, rig.model, naming)
+    naming = _named(experiment, logs, rig, settings, progress)
     progress("which equation the data want to free")
     freed, latents = free_equations(experiment, naming.baseline)
     progress("what stays unexplained")
@@ -166,6 +162,22 @@ def improve(
         freed,
         latents,
     )
+
+
+def _named(
+    experiment: Experiment,
+    logs: Sequence[Log],
+    rig: Rig,
+    settings: NamingSettings | None,
+    progress: Callable[[str], None],
+) -> Naming:
+    """The causes beside the stops that the logs show, or without these where the causes leave them nothing to explain."""
+    model = _with_stops(experiment, logs, rig)
+    naming = name_causes(experiment, rig, model, settings, progress)
+    if model == rig.model or _stops_matter(experiment, rig.model, naming):
+        return naming
+    progress("without the stops, which what was named explains")
+    return name_again(experiment, rig, rig.model, naming)
 
 
 def _extended(rig: Rig, naming: Naming, kept: Kept | None) -> Rig:

@@ -7,7 +7,7 @@ import pytest
 
 from observer_fi.command import corners
 from observer_fi.experiment import cut_moves, prepare, select, simulate
-from observer_fi.fitting import Free, fit, fit_logs, simulate_log, without_moves
+from observer_fi.fitting import Free, fit, without_moves
 from observer_fi.models import Rig, load_rig, override, with_values
 from observer_fi.records import Log
 from observer_fi.trapezoid import quarters
@@ -56,7 +56,7 @@ NAMES = ("Vmax", "Kp", "Ki", "J", "A", "B", "Rs")
 
 def test_parameters_come_back_within_their_standard_errors():
     truth = {"J": 5e-7, "A": 4.2e-4, "B": 2.5e-5, "Kp": 1.05e-3, "Ki": 0.46, "Vmax": 15.3, "Rs": 0.6}
-    result = fit_logs([campaign(with_values(RIG, truth))], RIG, parameters(*NAMES))
+    result = fit(prepare([campaign(with_values(RIG, truth))], RIG), RIG.model, parameters(*NAMES))
     assert result.converged
     assert np.mean(result.residuals[result.residuals != 0.0] ** 2) == pytest.approx(1.0, abs=0.05)
     for name, value in truth.items():
@@ -77,7 +77,7 @@ def test_missing_samples_are_left_out():
 
 
 def test_a_parameter_that_the_log_cannot_see_keeps_its_prior():
-    result = fit_logs([campaign(pitches=(0.0,))], RIG, parameters("A", "B", relative=0.1))
+    result = fit(prepare([campaign(pitches=(0.0,))], RIG), RIG.model, parameters("A", "B", relative=0.1))
     assert result.values["B"] == pytest.approx(RIG.model["B"], rel=1e-3)
     assert result.std["B"] == pytest.approx(0.1 * RIG.model["B"], rel=0.2)
 
@@ -93,8 +93,8 @@ def test_leaving_a_move_out_by_one_step_is_the_fit_without_it():
 
 
 def test_simulated_log_has_the_readings_of_the_moves():
-    log = campaign()
-    t, y = simulate_log(log, RIG, RIG.model)
+    experiment = prepare([campaign()], RIG)
+    t, y = experiment.t, simulate(experiment, RIG.model, np.zeros((experiment.moves, 2)))
     assert y.shape == (t.size, 3)
     assert np.interp(0.6, t, y[:, 1]) == pytest.approx(RIG.model["A"] / RIG.model["Km"], rel=0.05)
 
