@@ -16,7 +16,6 @@ from observer_fi.actuator import INDEX
 from observer_fi.errors import UsageError
 from observer_fi.models import Model, Rig
 from observer_fi.records import CHANNELS, Array
-from observer_fi.rows import Wide, wide_enough
 from observer_fi.settings import BankSettings
 
 _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | {
@@ -89,11 +88,7 @@ class BankArrays(NamedTuple):
     source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1;
     entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
     variance per second; rates (m, m) per second; noise (3,) variance of the channels;
-    own (m, n) constants that the nominal hypothesis does not have;
-    strained (m,) whether there are any; moves (m,) whether a state behind w, I, x enters the mass's speed.
-    The states behind w, I, x stand in rows of `rows.py` (wide: as many zeros as a row has numbers); unit (width, width) the
-    identity; aligned (m, m) whether the states that target and source share have the same places; shared, lacking_mean,
-    lacking_var (m, m, width): for target j and source i 1 where they share a state, the entry prior elsewhere.
+    own (m, n) constants that the nominal hypothesis does not have.
     """
 
     size: np.ndarray
@@ -107,14 +102,6 @@ class BankArrays(NamedTuple):
     rates: Array
     noise: Array
     own: np.ndarray
-    strained: np.ndarray
-    moves: np.ndarray
-    wide: Wide
-    unit: Array
-    aligned: np.ndarray
-    shared: Array
-    lacking_mean: Array
-    lacking_var: Array
 
 
 def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings) -> BankArrays:
@@ -130,7 +117,6 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
             for i, origin in enumerate(hypotheses):
                 if state in origin.states:
                     source[j, i, k] = origin.states.index(state)
-    own, wide = own_constants(hypotheses, n), wide_enough(n - 3)
     return BankArrays(
         size,
         np.array([tr.layout(h.kinds) for h in hypotheses]),
@@ -142,30 +128,8 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         diffusion,
         transition_rates(hypotheses, settings),
         rig.noise_std**2,
-        own,
-        np.array(own.any(axis=1)),
-        np.array([not {"E", "rate"}.isdisjoint(h.states) for h in hypotheses]),
-        wide,
-        np.eye(len(wide)),
-        *entry_rows(source, size, mean, var, len(wide)),
+        own_constants(hypotheses, n),
     )
-
-
-def entry_rows(
-    source: np.ndarray, size: np.ndarray, mean: Array, var: Array, width: int
-) -> tuple[np.ndarray, Array, Array, Array]:
-    """`aligned`, `shared`, `lacking_mean`, `lacking_var` of BankArrays. A pair that is not aligned is put in order first."""
-    m, n = mean.shape
-    aligned = ((source == np.arange(n)) | (source < 0)).all(axis=2)
-    shared, lacking_mean, lacking_var = np.zeros((3, m, m, width))
-    for j in range(m):
-        for i in range(m):
-            at = np.arange(3, size[j])
-            lacks = at[(source[j, i, at] < 0) & aligned[j, i]]
-            shared[j, i, at - 3] = 1.0
-            shared[j, i, lacks - 3] = 0.0
-            lacking_mean[j, i, lacks - 3], lacking_var[j, i, lacks - 3] = mean[j, lacks], var[j, lacks]
-    return aligned, shared, lacking_mean, lacking_var
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

@@ -11,11 +11,15 @@ import numpy as np
 
 from observer_fi import kernels
 from observer_fi import transition as tr
+from observer_fi.bank_rows import SKIPPED_S, tuning
+from observer_fi.beginning import REST_VARIANCE, first_readings, start
 from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays
-from observer_fi.kernels import NEGLIGIBLE, REST_VARIANCE, UNREACHED
+from observer_fi.memory import UNLIKELY
+from observer_fi.mixing import NEGLIGIBLE, UNREACHED
 from observer_fi.models import Rig
+from observer_fi.motion_moments import onto, shown, through, with_source, without
 from observer_fi.records import Array, Log
 from observer_fi.rows import MOST, above, exp, larger, log, nothing, seldom, side_by_side, some
 from observer_fi.settings import BankSettings
@@ -92,14 +96,14 @@ def _group(
 ) -> list[Posterior]:
     """At most LANES logs; lanes without one repeat the last."""
     b = arrays(banks[0], rig, settings)
-    if len(b.wide) > 0 or (b.failed >= 0).any():
+    if (b.size > 3).any() or (b.failed >= 0).any():
         raise ValueError("lanes take hypotheses with the states w, I, x that believe every channel")
     feeds = [_fed(log, rig, settings) for log in logs]
     lane = [min(k, len(logs) - 1) for k in range(LANES)]
     work = _lanes([(feeds[k], banks[k]) for k in lane], rig, settings)
     n, m = max(f.log.t.size for f in feeds), len(banks[0])
     mu, nis, density = kernels.in_one_piece((n, m, LANES), (n, m, LANES), (n, m, LANES))
-    feed, tune = _room(feeds[0].interval.shape[1]), kernels.tuning(settings)
+    feed, tune = _room(feeds[0].interval.shape[1]), tuning(settings)
     for first in range(0, n, kernels.BLOCK):
         part = slice(first, min(first + kernels.BLOCK, n))
         _fill(feed, [feeds[k] for k in lane], part)
@@ -124,7 +128,7 @@ class Fed(NamedTuple):
 def _fed(log: Log, rig: Rig, settings: BankSettings) -> Fed:
     log, own = LogStream().take(log)
     w_cmd, interval = CommandStream(rig.model, settings.substep_s).intervals(log.t, log.w_cmd)
-    dt = np.minimum(np.diff(log.t, prepend=np.nan), kernels.SKIPPED_S)
+    dt = np.minimum(np.diff(log.t, prepend=np.nan), SKIPPED_S)
     return Fed(
         log, slice(None) if own.all() else own, dt, w_cmd, kernels.under_way(interval, w_cmd), interval
     )
@@ -156,16 +160,18 @@ def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...]]], rig: Rig, settings: 
         if id(bank) not in made:
             made[id(bank)] = arrays(bank, rig, settings)
         b = made[id(bank)]
-        starts.append(kernels.start(bank, b, kernels.first_readings(f.log.z), f.w_cmd[0]))
+        starts.append(start(bank, b, first_readings(f.log.z), f.w_cmd[0]))
         p.append(b.parameters)
     m = len(lanes[0][1])
-    P = np.array([s.P for s in starts])
+    P = np.array([[memory.P for memory in s] for s in starts])
     upper = np.stack([P[..., r, c] for r, c in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))])
-    mu = np.array([np.exp(s.log_mu) / np.exp(s.log_mu).sum() for s in starts])
+    mu = np.full((m, LANES), UNLIKELY)
+    mu[0] = 1.0 - UNLIKELY * (m - 1)
     return Lanes(
-        np.array([s.x for s in starts]).transpose(1, 2, 0).copy(), upper.transpose(2, 0, 1).copy(),
-        np.array([s.slow for s in starts]).transpose(1, 2, 0).copy(), np.full((m, 3, LANES), np.nan), np.zeros((m, 3, LANES)),
-        mu.T.copy(), np.zeros((m, LANES)), np.zeros((m, LANES)), np.ones((m, LANES)), np.zeros((1, LANES)),
+        np.array([[memory.x for memory in s] for s in starts]).transpose(1, 2, 0).copy(), upper.transpose(2, 0, 1).copy(),
+        np.array([[memory.slow for memory in s] for s in starts]).transpose(1, 2, 0).copy(),
+        np.full((m, 3, LANES), np.nan), np.zeros((m, 3, LANES)),
+        mu, np.zeros((m, LANES)), np.zeros((m, LANES)), np.ones((m, LANES)), np.zeros((1, LANES)),
         np.zeros((m, m, LANES)), np.zeros((4, m, m)),
         np.array(p).transpose(1, 2, 0).copy(), np.zeros((m, 3, LANES)), np.zeros((m, 6, LANES)),
         np.zeros((m, LANES)), np.full((1, LANES), -1.0),
@@ -213,7 +219,7 @@ def _set_three(values, j, rows):
 
 @inlined
 def _six(P, j):
-    """Covariance of hypothesis j (see `kernels.through`)."""
+    """Covariance of hypothesis j (see `through`)."""
     return P[j, 0], P[j, 1], P[j, 2], P[j, 3], P[j, 4], P[j, 5]
 
 
@@ -241,7 +247,7 @@ def _mix(m, r, active):
         p = (nothing(c), nothing(c), nothing(c), nothing(c), nothing(c), nothing(c))
         for i in range(m):
             x0, x1, x2 = _three(r.x, i)
-            p = kernels.with_source(p, r.weights[i], _six(r.P, i), (x0 - m0, x1 - m1, x2 - m2))
+            p = with_source(p, r.weights[i], _six(r.P, i), (x0 - m0, x1 - m1, x2 - m2))
         _set_three(r.to_x, j, (m0, m1, m2))
         _set_six(r.to_P, j, p)
 
@@ -261,7 +267,7 @@ def _predict(j, b, tune, steps, feed, r, k, from_x, from_P):
     r.slow[j, 0], r.slow[j, 1], r.slow[j, 2], r.slow[j, 3] = after
     f = tr.motion_transition(by_w, by_I, by_x, none, x_by_w, t)
     before, change = _six(from_P, j), (w1 - w) * (w1 - w)
-    q00, q01, q02, q11, q12, q22 = kernels.onto(f, kernels.through(f, before))
+    q00, q01, q02, q11, q12, q22 = onto(f, through(f, before))
     q00 = q00 + (b.diffusion[j, 0] * t + tune.agility * tune.agility * change)
     if seldom(rests):
         q00, q01, q02 = (
@@ -281,7 +287,7 @@ def _channel(j, c, b, tune, z, y, h, r, d, P, nis, doubled):
     """Scalar update by one channel: corrections d so far, covariance, NIS, and the density for `_densities`."""
     there = above(abs(z), -1.0, 1.0, 0.0)  # a missing reading is no number
     e = above(there, 0.5, z - y - h[0] * d[0] - h[1] * d[1] - h[2] * d[2], 0.0)
-    w0, w1, w2 = kernels.shown(h, P)
+    w0, w1, w2 = shown(h, P)
     change = tune.timing * (y - r.last[j, c])
     doubt = above(change * change, 0.0, change * change, 0.0)
     S = above(there, 0.5, (b.noise[c] + doubt + h[2] * w2) + (h[0] * w0 + h[1] * w1), 1.0)
@@ -293,7 +299,7 @@ def _channel(j, c, b, tune, z, y, h, r, d, P, nis, doubled):
     r.glitches[j, c], r.last[j, c] = above(there, 0.5, far * (count + glitch), count), y
     r.product[j] = r.product[j] * S
     return (
-        (d[0] + w0 * step, d[1] + w1 * step, d[2] + w2 * step), kernels.without(P, (w0, w1, w2), gain),
+        (d[0] + w0 * step, d[1] + w1 * step, d[2] + w2 * step), without(P, (w0, w1, w2), gain),
         nis + above(glitch, 0.5, limit, e * e * per_S), doubled - there * tr.LOG_2PI,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi import feed, kernels
+from observer_fi import beginning, feed, kernels
 from observer_fi.diagnose import make_bank
 from observer_fi.isolate import Isolator, channel_of, label_of, log_verdict, tested
 from observer_fi.models import Rig
@@ -74,7 +74,7 @@ class LiveBank(kernels.Bank):
         self.commands.fill(t, w_cmd, late, interval)
         active[:] = kernels.under_way(interval, late)
         self.run(
-            self.arrays, self.tuning, self.state, self.scratch, t, interval, late, pitch, z, active, *out,
+            self.rows, self.tuning, self.state, self.scratch, t, interval, late, pitch, z, active, *out,
         )  # fmt: skip
         self.samples.t, self.samples.w, self.samples.theta = rows[-1].t, rows[-1].w_cmd, rows[-1].pitch
         return estimate
@@ -159,10 +159,10 @@ class Live:
 
     @staticmethod
     def _ready(rows: Sequence[Row]) -> bool:
-        if len(rows) >= kernels.START_ROWS:
+        if len(rows) >= beginning.START_ROWS:
             return True
         seen = np.isfinite(np.array(rows)[:, 1:4]).sum(axis=0)
-        return len(rows) > feed.SETTLING and bool((seen >= kernels.START_READINGS).all())
+        return len(rows) > feed.SETTLING and bool((seen >= beginning.START_READINGS).all())
 
     def verdict(self) -> Event:
         """The verdict on the move under way, or on the last one."""

@@ -20,19 +20,15 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from observer_fi import transition as tr
+from observer_fi import unscented
+from observer_fi.actuator import VMAX
+from observer_fi.bank_rows import SKIPPED_S, Tuning, tuning
+from observer_fi.beginning import REST_VARIANCE, first_readings, start
 from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import BankArrays, Hypothesis, arrays, bank
-from observer_fi.kernels import (
-    NEGLIGIBLE,
-    REST_VARIANCE,
-    SKIPPED_S,
-    UNREACHED,
-    Tuning,
-    first_readings,
-    start,
-    tuning,
-    under_way,
-)
+from observer_fi.kernels import under_way
+from observer_fi.memory import UNLIKELY
+from observer_fi.mixing import NEGLIGIBLE, UNREACHED
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
@@ -69,9 +65,9 @@ class Observer:
         self.b, self.tune = b, tune
         self.n, self.failed = int(b.size[0]), int(b.failed[0])
         self.x, self.P = np.zeros(self.n), np.eye(self.n)
-        self.slow = np.zeros((1, tr.SLOW))
-        self.bias = np.zeros((1, 2))
-        self.glitches = np.zeros((1, 3))
+        self.at, self.base = b.layout[0], b.parameters[0]
+        self.has = (self.at >= 0).astype(float)
+        self.slow, self.bias, self.glitches = np.zeros(tr.SLOW), np.zeros(2), np.zeros(3)
         self.previous = np.full(3, np.nan)
         self.predicted = np.full(3, np.nan)
         self.seen, self.doubt = np.full(3, np.nan), np.ones(3)
@@ -87,7 +83,7 @@ class Observer:
             return
         self._advance(u)
         if self.failed >= 0:
-            self.bias[0, 1] += self.tune.bias_diffusion**2 * self.b.noise[self.failed] * u.dt
+            self.bias[1] += self.tune.bias_diffusion**2 * self.b.noise[self.failed] * u.dt
 
     def update(self, z: Array | None) -> None:
         """Takes the readings z (3,) of voltage [V], current [A], position [m]; NaN, or None for all, is a missing one.
@@ -95,7 +91,7 @@ class Observer:
         filterpy's update(None) keeps the last likelihood, which a bank then counts again: here it is a density of 1.
         """
         z = np.full(3, np.nan) if z is None else np.asarray(z, dtype=float)
-        lost = tr.lost(0, self.n, self.x[None], self.P[None])
+        lost = self._is_lost()
         if lost:
             self._start_anew()
         y, S = self._predicted_readings()
@@ -112,12 +108,19 @@ class Observer:
         self.predicted = y
         self.previous = np.where(np.isnan(z), self.previous, z)
 
+    def _is_lost(self) -> bool:
+        """Whether the state is beyond what any reading can have meant: numbers that would soon be no numbers."""
+        variances = np.diag(self.P)
+        far, wide = np.abs(self.x).sum(), np.abs(variances).sum()
+        return not (far < tr.FARTHEST and wide < tr.WIDEST and variances.min() > -1.0)
+
     def _start_anew(self) -> None:
-        """As a hypothesis begins again whose numbers would soon be no numbers."""
-        x, P = self.x[None].copy(), self.P[None].copy()
-        tr.start_anew(0, self.n, x, P, self.slow, self.b.entry_mean, self.b.entry_var, self.previous[2])
-        self.x, self.P = x[0], P[0]
-        self.bias[0] = 0.0, self.b.noise[self.failed] if self.failed >= 0 else 0.0
+        """Begin again at rest where the sensor last saw the mass, everything else at the entry prior."""
+        self.x, self.P = self.b.entry_mean[0, : self.n].copy(), np.diag(self.b.entry_var[0, : self.n])
+        if np.isfinite(self.previous[2]):
+            self.x[2] = self.previous[2]
+        self.slow[:] = 0.0
+        self.bias[:] = 0.0, self.b.noise[self.failed] if self.failed >= 0 else 0.0
 
     def _advance(self, u: Step) -> None:
         raise NotImplementedError
@@ -130,22 +133,22 @@ class Observer:
         raise NotImplementedError
 
     def _moved(self, x: Array, slow: Array, u: Step) -> bool:
-        """The mean x (1, n) and its slow states (1, SLOW) a step on, in place; whether the motor rests at the end."""
-        b = self.b
-        tr.load_parameters(0, x, b.layout, b.parameters, self._p)
-        return bool(tr.propagate(0, x, b.layout, slow, u.dt, u.interval, 0, u.w_cmd, u.theta, self._p))
+        """The mean x (n,) and its slow states (SLOW,) a step on, in place; whether the motor rests at the end."""
+        tr.load_parameters(x, self.at, self.has, self.base, self._p)
+        return bool(tr.propagate(x, self.at, self.has, slow, u.dt, u.interval, 0, u.w_cmd, u.theta, self._p))
 
     def _readings(self, x: Array) -> tuple[Array, Array]:
         """(3,) readings that a state x (n,) predicts, SI, and their slopes (3, n)."""
-        b, u = self.b, self.step
-        y, by, H = np.empty((1, 3)), np.empty((3, 4)), np.zeros((3, self.n))
-        tr.load_parameters(0, x[None], b.layout, b.parameters, self._p)
-        tr.channels(0, x[None], b.layout, self.slow, u.w_cmd, u.theta, self._p, b.parameters, y, by)
-        H[:, :3] = by[:, :3]
-        supply = b.layout[0, tr.AT_SUPPLY]
+        u, H, supply = self.step, np.zeros((3, self.n)), self.at[tr.AT_SUPPLY]
+        tr.load_parameters(x, self.at, self.has, self.base, self._p)
+        slow = (self.slow[tr.H], self.slow[tr.SAG], self.slow[tr.LAGGED])
+        V, i, seen, V_w, V_I, V_v, i_w, i_I, i_v, x_w, x_x = tr.readings(
+            *x[:3], *slow, u.w_cmd, self._p, self.base[VMAX]
+        )
+        H[:, :3] = (V_w, V_I, 0.0), (i_w, i_I, 0.0), (x_w, 0.0, x_x)
         if supply >= 0:
-            H[:, supply] = by[:, 3]
-        return y[0], H
+            H[:, supply] = V_v, i_v, 0.0
+        return np.array([V, i, seen]), H
 
     def _doubt(self, y: Array) -> Array:
         """(3,) variance of the channels, unit sigmas: the sensors' noise and the timing of the servo."""
@@ -168,13 +171,19 @@ class Observer:
                 continue
             off, var = _given(e, S, accepted, c)
             self.seen[c] = off / np.sqrt(var)
-            glitch = tr.glitch(0, var, off, c, self.glitches, limit, self.tune.glitch_samples)
+            glitch = self._is_glitch(c, off * off > limit * limit * var)
             counted = limit if glitch else off / np.sqrt(var)
             self.nis += counted**2
             self.log_density -= 0.5 * (tr.LOG_2PI + np.log(var) + counted**2) + np.log(self.sigma[c])
             if not glitch:
                 accepted.append(c)
         return accepted
+
+    def _is_glitch(self, c: int, far: bool) -> bool:
+        """Whether an innovation of channel c beyond the gate is a glitch: for so many samples and no more."""
+        glitch = far and self.glitches[c] < self.tune.glitch_samples
+        self.glitches[c] = (self.glitches[c] + glitch) if far else 0.0
+        return bool(glitch)
 
     def _density_of_failed(self, z: Array, y: Array, S: Array, accepted: list[int]) -> float:
         """Log-density of the channel that this hypothesis does not believe; its bias follows."""
@@ -185,18 +194,10 @@ class Observer:
         off, var = _given(e, S + np.diag(np.where(np.arange(3) == c, 0.0, doubt)), accepted, c)
         sigma = self.sigma[c]
         before = np.inf if np.isnan(self.previous[c]) else self.previous[c]
-        return float(
-            tr.failed_channel(
-                0,
-                z[c],
-                before,
-                z[c] - off * sigma,
-                var * sigma**2,
-                sigma * np.sqrt(doubt[c]),
-                self.bias,
-                self.tune.failed,
-            )
-        )
+        density, *self.bias[:] = tr.failed_channel(
+            z[c], before, z[c] - off * sigma, var * sigma**2, sigma * np.sqrt(doubt[c]), *self.bias, self.tune.failed
+        )  # fmt: skip
+        return float(density)
 
 
 def _given(e: Array, S: Array, known: list[int], c: int) -> tuple[float, float]:
@@ -216,21 +217,48 @@ class Ekf(Observer, ExtendedKalmanFilter):
 
     def predict_x(self, u: Step) -> None:
         """Mean by the equations themselves, and F and Q for the covariance; filterpy's own takes F @ x for the mean."""
-        b, g, rows = self.b, np.zeros((3, self.n)), np.zeros((4, self.n))
-        x, before = self.x[None].copy(), self.x[0]
-        g[1, 0] = -1.0
-        tr.load_parameters(0, x, b.layout, b.parameters, self._p)
-        tr.slopes(0, x, b.layout, self.slow, u.interval[0, 0], u.theta, self._p, b.parameters, g)
+        x, before = self.x.copy(), self.x[0]
+        slopes = self._slopes(u)
         self.resting = self._moved(x, self.slow, u)
-        tr.transition(0, b.layout, g, u.dt, self.resting, rows)
-        self.F = np.eye(self.n)
-        self.F[:3] = rows[:3]
-        if b.layout[0, tr.AT_D] >= 0:
-            self.F[b.layout[0, tr.AT_D]] = rows[3]
-        self.x = x[0]
-        self.Q = np.diag(b.diffusion[0, : self.n] * u.dt)
+        self.F = self._transition(slopes, u.dt)
+        self.x = x
+        self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
         self.Q[0, 0] += (self.tune.agility * (self.x[0] - before)) ** 2
         self.Q[1, 1] += (self.tune.tick * (self.x[0] - before)) ** 2
+
+    def _slopes(self, u: Step) -> Array:
+        """Slopes of dw/dt and dx/dt by the state, (2, n), while sliding; those of dI/dt are -1 for w."""
+        x, g, p = self.x, np.zeros((2, self.n)), self._p
+        tr.load_parameters(x, self.at, self.has, self.base, p)
+        d, torque = (tr.held(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
+        slow = (self.slow[tr.PHI], self.slow[tr.H], self.slow[tr.SAG])
+        g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = tr.motion_slopes(
+            x[0], x[1], x[2], d, *slow, u.interval[0, 0], u.theta, torque, p
+        )
+        tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
+        return g
+
+    def _transition(self, g: Array, dt: float) -> Array:
+        """F (n, n) for a step of dt [s], I + G dt + (G dt)^2 / 2 for w, I, x. A motor that rests forgets its speed.
+
+        Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later.
+        """
+        F, d = np.eye(self.n), self.at[tr.AT_D]
+        if self.resting:
+            F[0, 0] = 0.0
+            return F
+        by_w, by_x, by_d = g[0, 0], g[0, 2], g[0, d] if d >= 0 else 0.0
+        F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[2, 0], F[2, 1] = tr.motion_transition(
+            by_w, g[0, 1], by_x, by_d, g[1, 0], dt
+        )
+        for k in range(3, self.n):
+            F[0, k] = tr.constant_transition(by_w, by_x, by_d, g[0, k], g[1, k], dt)
+            F[2, k] = dt * g[1, k]
+        if d >= 0:  # an indentation moves with x
+            F[d] = F[2]
+            F[d, 2] -= 1.0
+            F[d, d] += 1.0
+        return F
 
     def _advance(self, u: Step) -> None:
         ExtendedKalmanFilter.predict(self, u)
@@ -255,7 +283,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
 def _upper_factor(P: Array) -> Array:
     """U with U' U = P for sigma points; scipy's fails on a covariance that rounding left a little asymmetric or flat."""
     L = np.zeros_like(P)
-    tr.factor(0, P[None], P.shape[0], L)
+    unscented.factor(0.5 * (P + P.T), P.shape[0], L)
     return L.T
 
 
@@ -264,14 +292,16 @@ class Ukf(Observer, UnscentedKalmanFilter):
 
     def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -> None:
         n = len(hypothesis.states)
-        points = MerweScaledSigmaPoints(n, tr.ALPHA, tr.BETA, tr.KAPPA, sqrt_method=_upper_factor)
+        points = MerweScaledSigmaPoints(
+            n, unscented.ALPHA, unscented.BETA, unscented.KAPPA, sqrt_method=_upper_factor
+        )
         UnscentedKalmanFilter.__init__(self, n, 3, 0.0, hx=None, fx=self._point_moved, points=points)
         self._set_up(arrays((hypothesis,), rig, settings), tuning(settings))
 
     def _point_moved(self, s: Array, dt: float) -> Array:
-        x = s[None].copy()
+        x = s.copy()
         self._moved(x, self.slow.copy(), self.step)
-        return x[0]
+        return x
 
     def _moments(self, points: Array, Wm: Array, Wc: Array, Q: Array, *_: object) -> tuple[Array, Array]:
         """filterpy's transform of the moved points, and the doubt in a change of speed; at rest as in the EKF."""
@@ -294,7 +324,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
 
     def _advance(self, u: Step) -> None:
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
-        mean = self.x[None].copy()
+        mean = self.x.copy()
         UnscentedKalmanFilter.predict(self, u.dt, UT=self._moments)
         self._moved(mean, self.slow, u)
 
@@ -384,7 +414,7 @@ class LogIMM(IMMEstimator):
 
     def _mix(self) -> None:
         """New starting moments for every filter; a state that a source lacks comes from the target's entry prior."""
-        before = [(f.x, f.P, f.bias[0].copy()) for f in self.filters]
+        before = [(f.x, f.P, f.bias.copy()) for f in self.filters]
         for j, target in enumerate(self.filters):
             weights = [(i, self.omega[i, j]) for i in range(self.N) if self.omega[i, j] >= NEGLIGIBLE]
             parts = [(w, *self._entered(*before[i][:2], i, j)) for i, w in weights]
@@ -414,7 +444,7 @@ class LogIMM(IMMEstimator):
         entry = np.array([0.0, self.bias_entry**2 * self.b.noise[target.failed]])
         parts = [(w, before if i == j else entry) for i, w in weights]
         mean = sum(w * m for w, (m, _) in parts)
-        target.bias[0] = mean, sum(w * (v + (m - mean) ** 2) for w, (m, v) in parts)
+        target.bias[:] = mean, sum(w * (v + (m - mean) ** 2) for w, (m, v) in parts)
 
 
 class FilterpyBank:
@@ -467,13 +497,13 @@ class FilterpyBank:
         return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
 
     def _begin(self, log: Log, command0: float) -> LogIMM:
-        first = start(self.hypotheses, self.arrays, first_readings(log.z), command0)
-        for j, f in enumerate(self.filters):
-            f.x, f.P = first.x[j, : f.n].copy(), first.P[j, : f.n, : f.n].copy()
-            f.slow, f.bias = first.slow[j : j + 1].copy(), first.bias[j : j + 1].copy()
-        self.imm = LogIMM(
-            self.filters, first.log_mu, self.arrays, self.settings.bias_entry, self.settings.mended
-        )
+        for f, first in zip(
+            self.filters, start(self.hypotheses, self.arrays, first_readings(log.z), command0), strict=True
+        ):
+            f.x, f.P, f.slow, f.bias = first.x, first.P, first.slow, first.bias
+        log_mu = np.full(len(self.filters), np.log(UNLIKELY))
+        log_mu[0] = np.log(1.0 - UNLIKELY * (len(self.filters) - 1))
+        self.imm = LogIMM(self.filters, log_mu, self.arrays, self.settings.bias_entry, self.settings.mended)
         return self.imm
 
 

@@ -9,10 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi import kernels
+from observer_fi.bank_rows import bank_rows, places, tuning
 from observer_fi.hypotheses import Hypothesis, arrays
-from observer_fi.kernels import Bank, BankState, Recent
+from observer_fi.kernels import Bank, Recent
+from observer_fi.memory import BankState, Memory, memory_of, put, remembered
 from observer_fi.models import Rig
 from observer_fi.records import Array
+from observer_fi.rows import MOST
+from observer_fi.scratch import scratch
 from observer_fi.settings import BankSettings
 
 STRIDE = 4  # samples between the taus of the first pass
@@ -26,57 +30,112 @@ class Onset(NamedTuple):
     high: float
 
 
-class _Single:
-    """One hypothesis as a bank of its own, over windows of at most n samples."""
+class _Filters:
+    """Up to MOST filters of one hypothesis side by side, over windows of at most n samples: they give each other nothing."""
 
-    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, n: int) -> None:
-        self.arrays = arrays((hypothesis,), rig, settings)
-        self.tuning = kernels.tuning(settings)
-        self.scratch = kernels.scratch(self.arrays)
+    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, count: int, n: int) -> None:
+        self.hypotheses = (hypothesis,) * count
+        b = arrays(self.hypotheses, rig, settings)
+        self.rows = bank_rows(self.hypotheses, b)
+        self.tuning, self.scratch = tuning(settings), scratch(self.rows)
         self.still = np.zeros(n, dtype=np.bool_)
-        self.out = kernels.in_one_piece((n, 1), (n, 1), (n, 1, 3), (n, 3), (n, 4), (n, 1), (n, 1))
+        self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
+        m = count
+        self.out = kernels.in_one_piece((n, m), (n, m), (n, m, 3), (n, 3), (n, 4), (n, m), (n, m))
+
+    def begin(self, memories: list[Memory]) -> BankState:
+        """The memory of as many filters."""
+        return remembered(self.hypotheses, self.rows, memories)
 
     def density(self, state: BankState, w: Recent, first: int, last: int) -> Array:
-        """Log-densities of samples first:last, (last - first,), from `state` on, which is overwritten."""
+        """Log-densities of samples first:last, (last - first, count), from `state` on, which is overwritten."""
         part, out = slice(first, last), [a[: last - first] for a in self.out]
         kernels.run(
-            self.arrays, self.tuning, state, self.scratch, w.t[part], w.interval[part], w.w_cmd[part], w.theta[part], w.z[part],
+            self.rows, self.tuning, state, self.scratch, w.t[part], w.interval[part], w.w_cmd[part], w.theta[part], w.z[part],
             self.still[: last - first], *out,
         )  # fmt: skip
-        return out[5][:, 0]
-
-
-def copied(state: BankState) -> BankState:
-    """A copy of a bank's memory."""
-    return BankState(*(a.copy() for a in state))
+        return out[5]
 
 
 class _Entry:
     """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior."""
 
-    def __init__(
-        self, source: Hypothesis, target: Hypothesis, single: _Single, settings: BankSettings
-    ) -> None:
-        b = single.arrays
-        n, room = len(target.states), kernels.padded(b)
-        self.x, self.P, self.bias = np.zeros((1, room)), np.zeros((1, room, room)), np.zeros((1, 2))
-        self.x[0, :n], self.P[0, :n, :n] = b.entry_mean[0], np.diag(b.entry_var[0])
+    def __init__(self, source: Hypothesis, target: Hypothesis, f: _Filters, settings: BankSettings) -> None:
+        n, (mean, var) = len(target.states), f.prior
+        self.x, self.P, self.bias = mean[:n].copy(), np.diag(var[:n]), np.zeros(2)
         if target.failed >= 0:
-            self.bias[0, 1] = settings.bias_entry**2 * b.noise[target.failed]
+            self.bias[1] = settings.bias_entry**2 * f.noise[target.failed]
         shared = [state for state in target.states if state in source.states]
         self.to = np.array([target.states.index(state) for state in shared])
         self.at = np.array([source.states.index(state) for state in shared])
 
-    def __call__(self, nominal: BankState) -> BankState:
+    def __call__(self, nominal: Memory) -> Memory:
         """The target's memory from the source's."""
         x, P = self.x.copy(), self.P.copy()
-        x[0, self.to] = nominal.x[0, self.at]
-        P[0, self.to[:, None], self.to] = nominal.P[0, self.at[:, None], self.at]
-        return copied(nominal._replace(x=x, P=P, bias=self.bias))
+        x[self.to] = nominal.x[self.at]
+        P[self.to[:, None], self.to] = nominal.P[self.at[:, None], self.at]
+        return nominal._replace(x=x, P=P, bias=self.bias)
+
+
+class _Scores:
+    """Log-likelihood of a window with an onset at a sample: nominal before it, the fault from it on."""
+
+    def __init__(
+        self,
+        start: Memory,
+        nominal: Hypothesis,
+        fault: Hypothesis,
+        window: Recent,
+        rig: Rig,
+        settings: BankSettings,
+    ) -> None:
+        n = window.t.size
+        self.window, self.n = window, n
+        self.own = _Filters(nominal, rig, settings, 1, n)
+        self.others = _Filters(fault, rig, settings, MOST, n)
+        self.entry = _Entry(nominal, fault, self.others, settings)
+        self.memories, self.until = [start], [0.0]
+        state = self.own.begin([start])
+        for k in range(0, n, STRIDE):
+            self._advance(state, k, min(k + STRIDE, n))
+
+    def _advance(self, state: BankState, first: int, last: int) -> None:
+        gained = float(self.own.density(state, self.window, first, last).sum())
+        self.memories.append(memory_of(self.own.hypotheses, state, 0))
+        self.until.append(self.until[-1] + gained)
+
+    def _before(self, k: int) -> tuple[Memory, float]:
+        """The nominal filter before sample k, and its log-likelihood until then."""
+        memory, past, extra = self.memories[k // STRIDE], self.until[k // STRIDE], k % STRIDE
+        if extra:
+            state = self.own.begin([memory])
+            past += float(self.own.density(state, self.window, k - extra, k).sum())
+            memory = memory_of(self.own.hypotheses, state, 0)
+        return memory, past
+
+    def at(self, samples: list[int]) -> dict[int, float]:
+        """Of onsets at increasing samples: MOST filters side by side, which join one after the other."""
+        found: dict[int, float] = {}
+        for first in range(0, len(samples), MOST):
+            found |= self._together(samples[first : first + MOST])
+        return found
+
+    def _together(self, samples: list[int]) -> dict[int, float]:
+        before = [self._before(k) for k in samples]
+        entered = [self.entry(memory) for memory, _ in before]
+        state = self.others.begin([entered[0]] * MOST)
+        totals = np.array([past for _, past in before])
+        ends = [*samples[1:], self.n]
+        order = np.array(places(self.others.hypotheses)[0][0])
+        for row, (first, last) in enumerate(zip(samples, ends, strict=True)):
+            put(state, row, order, entered[row])
+            density = self.others.density(state, self.window, first, last)
+            totals[: row + 1] += density[:, : row + 1].sum(axis=0)
+        return dict(zip(samples, totals.tolist(), strict=True))
 
 
 def find_onset(
-    start: BankState, nominal: Hypothesis, fault: Hypothesis, window: Recent, rig: Rig, settings: BankSettings
+    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Recent, rig: Rig, settings: BankSettings
 ) -> Onset:
     """Onset of `fault` within `window`, from the nominal hypothesis' memory before its first sample.
 
@@ -85,25 +144,12 @@ def find_onset(
     n = window.t.size
     if n < 2:
         raise ValueError(f"an onset needs a window of at least 2 samples, got {n}")
-    own, other = _Single(nominal, rig, settings, n), _Single(fault, rig, settings, n)
-    entry = _Entry(nominal, fault, other, settings)
-    states, until, state = [], [0.0], copied(start)
-    for k in range(0, n, STRIDE):
-        states.append(copied(state))
-        until.append(until[-1] + float(own.density(state, window, k, min(k + STRIDE, n)).sum()))
-
-    def score(k: int) -> float:
-        before, past = states[k // STRIDE], until[k // STRIDE]
-        if k % STRIDE:
-            before = copied(before)
-            past += float(own.density(before, window, k - k % STRIDE, k).sum())
-        return past + float(other.density(entry(before), window, k, n).sum())
-
-    scores = {k: score(k) for k in range(0, n, STRIDE)}
-    best = max(scores, key=lambda k: scores[k])
-    near = [k for k in range(max(0, best - 2 * STRIDE), min(n, best + 2 * STRIDE + 1)) if k not in scores]
-    scores |= {k: score(k) for k in near}
-    return _posterior(window.t, scores, during=fault.failed < 0)
+    scores = _Scores(start, nominal, fault, window, rig, settings)
+    found = scores.at(list(range(0, n, STRIDE)))
+    best = max(found, key=lambda k: found[k])
+    near = [k for k in range(max(0, best - 2 * STRIDE), min(n, best + 2 * STRIDE + 1)) if k not in found]
+    found |= scores.at(near)
+    return _posterior(window.t, found, during=fault.failed < 0)
 
 
 def _posterior(t: Array, scores: dict[int, float], during: bool) -> Onset:
@@ -135,9 +181,10 @@ def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> On
     if end - begin < 2:
         return None
     nominal = bank.hypotheses[0]
-    single = _Single(nominal, bank.rig, bank.settings, recent.t.size)
-    state = copied(state)
     first = min(max(int(np.searchsorted(recent.t, first_s)), begin), end - 2)
     if first > begin:
-        single.density(state, recent, begin, first)
+        alone = _Filters(nominal, bank.rig, bank.settings, 1, first - begin)
+        memory = alone.begin([state])
+        alone.density(memory, recent, begin, first)
+        state = memory_of(alone.hypotheses, memory, 0)
     return find_onset(state, nominal, fault, recent.cut(first, end), bank.rig, bank.settings)

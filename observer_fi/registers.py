@@ -116,12 +116,8 @@ def _got(args: Any) -> Any:
 
 
 infer_global(rows.load)(_typed(lambda args: _row_type(args[2]) if _is_place(args) else None))
-infer_global(rows.store)(_typed(lambda args: types.none if _is_place(args) else None))
-infer_global(rows.get)(_typed(lambda args: types.float64 if _is_place(args) else None))
-infer_global(rows.put)(_typed(lambda args: types.none if _is_place(args) else None))
 infer_global(rows.dot)(_typed(lambda args: types.float64))
 infer_global(rows.zeros)(_typed(lambda args: _row_type(args[0])))
-infer_global(rows.log)(_typed(lambda args: args[0]))
 infer_global(rows.side_by_side)(_typed(_side_type))
 infer_global(rows.some)(_Some)
 infer_global(rows.seldom)(_Some)
@@ -131,6 +127,8 @@ for _function in (
     rows.signed,
     rows.nothing,
     rows.exp,
+    rows.log,
+    rows.sqrt,
     rows.tanh,
     rows.sin,
     rows.cos,
@@ -159,23 +157,6 @@ def _pointer(context: Any, builder: Any, sig: Any, args: Any, kind: Any) -> Any:
 @lower_builtin(rows.load, types.Array, types.Integer, types.BaseTuple)
 def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.load(_pointer(context, builder, sig, args, _register(sig.return_type)), align=_EACH_BYTE)
-
-
-@lower_builtin(rows.store, types.Array, types.Integer, RowType)
-def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    builder.store(args[2], _pointer(context, builder, sig, args, _register(sig.args[2])), align=_EACH_BYTE)
-    return context.get_dummy_value()
-
-
-@lower_builtin(rows.get, types.Array, types.Integer)
-def _get(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.load(_pointer(context, builder, sig, args, _DOUBLE))
-
-
-@lower_builtin(rows.put, types.Array, types.Integer, types.Float)
-def _put(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    builder.store(args[2], _pointer(context, builder, sig, args, _DOUBLE))
-    return context.get_dummy_value()
 
 
 @lower_builtin(rows.side_by_side, types.Array, types.BaseTuple)
@@ -297,7 +278,9 @@ lower_builtin(rows.signed, types.Any, types.Any)(_intrinsic("copysign"))
 for _function, _scalar in ((rows.tanh, math.tanh), (rows.sin, math.sin), (rows.cos, math.cos)):
     lower_builtin(_function, types.Any)(_each(_scalar))
 lower_builtin(rows.floor, types.Any)(_intrinsic("floor"))
+lower_builtin(rows.sqrt, types.Any)(_intrinsic("sqrt"))
 lower_builtin(rows.exp, types.Float)(_each(math.exp))
+lower_builtin(rows.log, types.Float)(_each(math.log))
 
 
 @lower_builtin(rows.above, types.Any, types.Any, types.Any, types.Any)

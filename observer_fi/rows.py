@@ -14,31 +14,18 @@ MOST = 8
 Wide = tuple[int, ...]  # as many zeros as a row has numbers: the compiler knows the length of a tuple
 
 
-def wide_enough(n: int) -> Wide:
-    """Rows for n numbers: none, one, or eight, so that few kernels are compiled."""
-    if n > MOST:
-        raise ValueError(f"a row holds at most {MOST} numbers, got {n}")
-    return (0,) * (n if n < 2 else MOST)
+def aligned(a: Any) -> Any:
+    """A copy of an array whose first number stands where a row may: rows that cross a cache line take twice as long."""
+    room = np.empty(a.size + MOST)
+    first = (-room.ctypes.data // 8) % MOST
+    out = room[first : first + a.size].reshape(a.shape)
+    out[...] = a
+    return out
 
 
 def load(a: Any, at: int, wide: Wide) -> Any:
     """The numbers of an array from `at` on, counted through its rows."""
     return a.reshape(-1)[at : at + len(wide)].copy()
-
-
-def store(a: Any, at: int, row: Any) -> None:
-    """A row into an array from `at` on, counted through its rows."""
-    a.reshape(-1)[at : at + row.size] = row
-
-
-def get(a: Any, at: int) -> float:
-    """The number of an array at `at`, counted through its rows."""
-    return float(a.reshape(-1)[at])
-
-
-def put(a: Any, at: int, number: float) -> None:
-    """A number into an array at `at`, counted through its rows."""
-    a.reshape(-1)[at] = number
 
 
 def dot(u: Any, v: Any) -> float:
@@ -60,6 +47,12 @@ def log(row: Any) -> Any:
     """Natural logarithm of each number, to 2e-16; NaN where there is none. Numbers below 2.3e-308 are not for it."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where((row > 0.0) & (row < math.inf), np.log(row), math.nan)
+
+
+def sqrt(u: Any) -> Any:
+    """Square root of each number, NaN below zero."""
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(u)
 
 
 def above(u: Any, v: Any, yes: Any, no: Any) -> Any:
@@ -112,9 +105,23 @@ def floor(u: Any) -> Any:
     return np.floor(u)
 
 
+class _Rows:
+    """What `side_by_side` gives to plain Python: a row that is taken out is a copy, as it is in a register."""
+
+    def __init__(self, a: Any) -> None:
+        self.a = a
+
+    def __getitem__(self, at: Any) -> Any:
+        part = self.a[at]
+        return _Rows(part) if part.ndim > 1 else part.copy()
+
+    def __setitem__(self, at: Any, row: Any) -> None:
+        self.a[at] = row
+
+
 def side_by_side(a: Any, wide: Wide) -> Any:
     """An array whose last side is one row long, indexed by the others: each place holds a row."""
-    return a
+    return _Rows(a)
 
 
 LEAST_EXPONENT = -708.0

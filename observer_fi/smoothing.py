@@ -2,14 +2,19 @@
 
 import numpy as np
 
-from observer_fi import kernels
+from observer_fi import extended
 from observer_fi import transition as tr
-from observer_fi.compiled import uncounted
+from observer_fi.bank_rows import bank_rows, places, tuning
+from observer_fi.beginning import first_readings, start
+from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import Hypothesis, arrays
+from observer_fi.memory import remembered
 from observer_fi.models import Rig
 from observer_fi.records import Array, Log
+from observer_fi.scratch import rows_of, scratch
 from observer_fi.settings import BankSettings
+from observer_fi.unscented import factor
 
 
 def smooth(log: Log, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -> tuple[Array, Array]:
@@ -17,67 +22,67 @@ def smooth(log: Log, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -
 
     Keeps three matrices a sample: 1.2 kB for seven states. Source: Rauch, Tung and Striebel (1965).
     """
-    b = arrays((hypothesis,), rig, settings)
-    stream = CommandStream(rig.model, settings.substep_s)
+    own_arrays = arrays((hypothesis,), rig, settings)
+    b = bank_rows((hypothesis,), own_arrays)
     log, own = LogStream().take(log)
-    w_cmd, interval = stream.intervals(log.t, log.w_cmd)
-    state = kernels.start((hypothesis,), b, kernels.first_readings(log.z), w_cmd[0])
+    w_cmd, interval = CommandStream(rig.model, settings.substep_s).intervals(log.t, log.w_cmd)
+    first = start((hypothesis,), own_arrays, first_readings(log.z), w_cmd[0])
     n, k = log.t.size, len(hypothesis.states)
     x, P = np.empty((n, k)), np.empty((n, k, k))
     ahead, P_ahead, cross = np.empty((n, k)), np.empty((n, k, k)), np.empty((n, k, k))
     _forward(
-        b, kernels.tuning(settings), state, kernels.scratch(b), log.t, interval, w_cmd, log.pitch, log.z,
-        np.zeros((3, k)), np.zeros((4, k)), x, P, ahead, P_ahead, cross,
+        b, tuning(settings), remembered((hypothesis,), b, first), scratch(b), log.t, interval, w_cmd, log.pitch, log.z,
+        x, P, ahead, P_ahead, cross,
     )  # fmt: skip
     _backward(x, P, ahead, P_ahead, cross, np.empty((2, k, k)), np.empty(k))
-    return x[own], P[own]
+    order = np.array(places((hypothesis,))[0][0])
+    return x[own][:, order], P[own][:, order[:, None], order]
+
+
+@inlined
+def _note(b, state, row, x, P):
+    """The moments of the first hypothesis, into row `row` of x (n, k), P (n, k, k)."""
+    for k in range(b.n):
+        x[row, k] = state.x[k, 0]
+        for q in range(b.n):
+            P[row, k, q] = state.P[min(k, q), max(k, q), 0]
 
 
 @uncounted
-def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, g, F, x, P, ahead, P_ahead, cross):
+def _forward(b, tune, state, scr, t, interval, w_cmd, theta, z, x, P, ahead, P_ahead, cross):
     """Filtered states x (n, k), P (n, k, k); the predictions before them, ahead and P_ahead; cross (n, k, k) the covariance
-    of the filtered state before and the predicted one, P F'. g (3, k), F (4, k): scratch.
+    of the filtered state before and the predicted one, P F'.
     """
-    n, at_d = b.layout[0, tr.SIZE], b.layout[0, tr.AT_D]
+    r, at_d = rows_of(b, state, scr), b.at[tr.AT_D]
     for row in range(t.size):
         if row > 0:
-            for k in range(n):
-                for q in range(n):
-                    cross[row, k, q] = state.P[0, k, q]
             dt = min(t[row] - t[row - 1], tune.longest)
-            tr.load_parameters(0, state.x, b.layout, b.parameters, scr.p[0])
-            tr.slopes(
-                0, state.x, b.layout, state.slow, interval[row, 0], theta[row], scr.p[0], b.parameters, g
-            )
-            resting = kernels._predict(
-                0, b, scr.p[0], state.x, state.P, state.x, state.P, state.slow, dt, interval, row, w_cmd[row], theta[row],
-                tune, scr.g[0], scr.work,
-            )  # fmt: skip
-            kernels.mirror(0, n, state.P)
-            tr.transition(0, b.layout, g, dt, resting, F)
-            for k in range(n):
-                for r in range(4 if at_d >= 0 else 3):
-                    total = 0.0
-                    for q in range(n):
-                        total += P[row - 1, k, q] * F[r, q]
-                    cross[row, k, r if r < 3 else at_d] = total
-        for k in range(n):
-            ahead[row, k] = state.x[0, k]
-            for q in range(n):
-                P_ahead[row, k, q] = state.P[0, k, q]
-        kernels._update(
-            0, b, scr.p[0], state.x, state.P, state.slow, state.bias, z, row, state.z, state.predicted, state.glitches,
-            w_cmd[row], tune, scr.y, scr.H, scr.seen, scr.spread, scr.work,
-        )  # fmt: skip
-        kernels.mirror(0, n, state.P)
+            carried = extended.predict(b, tune, r, r.x, r.P, dt, interval, row, w_cmd[row], theta[row])
+            (
+                r.T[0, 0],
+                r.T[0, 1],
+                r.T[0, 2],
+                r.T[1, 0],
+                r.T[1, 1],
+                r.T[1, 2],
+                r.T[2, 0],
+                r.T[2, 1],
+                r.T[2, 2],
+            ) = carried
+            for k in range(b.n):
+                for q in range(b.n):
+                    cross[row, k, q] = scr.T[q, k, 0] if q < 3 else P[row - 1, k, q]
+                if at_d >= 0:  # it moves with x
+                    cross[row, k, at_d] += scr.T[2, k, 0] - P[row - 1, k, 2]
+        elif b.n > 3:
+            tr.load_parameters(r.x, b.at, r.has, r.parameters, r.p)
+        _note(b, state, row, ahead, P_ahead)
+        extended.update(b, tune, r, z, row, state.z, w_cmd[row])
         for c in range(3):
-            state.predicted[0, c] = scr.y[0, c]
+            r.predicted[c] = r.y[c]
             if z[row, c] == z[row, c]:
                 state.z[c] = z[row, c]
-        for k in range(n):
-            x[row, k] = state.x[0, k]
-            for q in range(n):
-                P[row, k, q] = state.P[0, k, q]
+        _note(b, state, row, x, P)
 
 
 @uncounted
@@ -86,7 +91,7 @@ def _backward(x, P, ahead, P_ahead, cross, work, off):
     n = x.shape[1]
     L, gain = work[0], work[1]
     for row in range(x.shape[0] - 2, -1, -1):
-        tr.factor(row + 1, P_ahead, n, L)
+        factor(P_ahead[row + 1], n, L)
         for k in range(n):  # gain = cross / P_ahead, a row at a time
             for q in range(n):
                 total = cross[row + 1, k, q]

@@ -3,8 +3,8 @@
 Both engines (`observers.py` on filterpy, `kernels.py` compiled) call these functions; nothing else knows how the
 states of a hypothesis enter the equations of `actuator.py`.
 
-Functions take the arrays of a whole bank and the row j of a hypothesis: a slice costs more than an equation. Those that take
-numbers alone take rows of them as well (`rows.py`): several logs side by side.
+Functions of numbers take rows of them as well (`rows.py`): the hypotheses of a bank, or several logs, side by side. A state
+x, its parameters p, `base` without the factors in the state and slopes g are then arrays of rows.
 
 A state vector starts with w [rad/s], I [rad], x [m]; the rest is given by `kinds`, one code a state: D_STATE the
 indentation of a stop [m], TORQUE and RATE the free disturbances of "none of these" [N m, m/s], and
@@ -20,7 +20,7 @@ import numpy as np
 
 from observer_fi import actuator as a
 from observer_fi.compiled import inlined, uncounted
-from observer_fi.rows import above, exp, nothing, seldom, signed, some
+from observer_fi.rows import above, exp, log, nothing, seldom, signed, some, sqrt
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
@@ -30,7 +30,8 @@ REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
 SIXTH = 1.0 / 6.0
 STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
-# A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1.
+# A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1. Beside it stands `has`
+# (LAYOUT,), 1.0 where there is such a state: in rows, hypotheses of other states may use the same place.
 SIZE, AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(11)
 LAYOUT = 11
 _LOOKED_UP = {
@@ -51,22 +52,23 @@ def layout(kinds: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def load_parameters(j, x, at, base, p):
-    """Parameters of hypothesis j into p (VECTOR_SIZE,): the base's two switches and every factor in the state.
+def held(x, at, has, kind, otherwise):
+    """The state of this kind, `otherwise` where there is none."""
+    return above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
 
-    All hypotheses of a bank share the other parameters, which p holds already.
-    """
-    p[a.COUPLING] = base[j, a.COUPLING]
-    p[a.CONTACT] = base[j, a.CONTACT]
-    p[a.A] = base[j, a.A] * (x[j, at[j, AT_A]] if at[j, AT_A] >= 0 else 1.0)
-    p[a.B] = base[j, a.B] * (x[j, at[j, AT_B]] if at[j, AT_B] >= 0 else 1.0)
-    p[a.A_DECOUPLED] = base[j, a.A_DECOUPLED] * (x[j, at[j, AT_LOOSE]] if at[j, AT_LOOSE] >= 0 else 1.0)
-    p[a.C] = base[j, a.C] * (x[j, at[j, AT_C]] if at[j, AT_C] >= 0 else 1.0)
-    p[a.E] = base[j, a.E] * (x[j, at[j, AT_E]] if at[j, AT_E] >= 0 else 1.0)
-    p[a.VMAX] = base[j, a.VMAX] * (x[j, at[j, AT_SUPPLY]] if at[j, AT_SUPPLY] >= 0 else 1.0)
-    factor = x[j, at[j, AT_J]] if at[j, AT_J] >= 0 else 1.0
-    p[a.J] = base[j, a.J] * factor
-    p[a.J_DECOUPLED] = base[j, a.J_DECOUPLED] * factor
+
+@inlined
+def load_parameters(x, at, has, base, p):
+    """Parameters into p (VECTOR_SIZE,): those of `base` that a state may stand for, times their factors."""
+    p[a.A] = base[a.A] * held(x, at, has, AT_A, 1.0)
+    p[a.B] = base[a.B] * held(x, at, has, AT_B, 1.0)
+    p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * held(x, at, has, AT_LOOSE, 1.0)
+    p[a.C] = base[a.C] * held(x, at, has, AT_C, 1.0)
+    p[a.E] = base[a.E] * held(x, at, has, AT_E, 1.0)
+    p[a.VMAX] = base[a.VMAX] * held(x, at, has, AT_SUPPLY, 1.0)
+    factor = held(x, at, has, AT_J, 1.0)
+    p[a.J] = base[a.J] * factor
+    p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor
 
 
 @inlined
@@ -196,34 +198,20 @@ def advance(w, I, pos, d, torque, rate, slow, t, steps, interval, row, last, the
 
 
 @inlined
-def slow_of(j, slow):
-    """Slow states of hypothesis j: (phi, h, sag, c)."""
-    return slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED]
-
-
-@inlined
-def set_slow(j, slow, values):
-    """Put (phi, h, sag, c) into row j of slow (m, SLOW)."""
-    slow[j, PHI], slow[j, H], slow[j, SAG], slow[j, LAGGED] = values
-
-
-@inlined
-def value(j, k, x):
-    """State k of hypothesis j, 0 where it has none (k = -1)."""
-    return x[j, k] if k >= 0 else 0.0
-
-
-@inlined
-def propagate(j, x, at, slow, t, interval, row, last, theta, p):
-    """As `advance`, with rows j of x (m, n) and slow (m, SLOW) overwritten. True where the motor rests at the end."""
-    (x[j, 0], x[j, 1], x[j, 2], d), after, resting = advance(
-        x[j, 0], x[j, 1], x[j, 2], value(j, at[j, AT_D], x), value(j, at[j, AT_TORQUE], x), value(j, at[j, AT_RATE], x),
-        slow_of(j, slow), t, interval.shape[1] // 2, interval, row, last, theta, p,
+def propagate(x, at, has, slow, t, interval, row, last, theta, p):
+    """As `advance`, with x (n,) and slow (SLOW,) overwritten. 1 where the motor rests at the end."""
+    d, torque, rate = (
+        held(x, at, has, AT_D, 0.0),
+        held(x, at, has, AT_TORQUE, 0.0),
+        held(x, at, has, AT_RATE, 0.0),
+    )
+    (x[0], x[1], x[2], d), (slow[PHI], slow[H], slow[SAG], slow[LAGGED]), resting = advance(
+        x[0], x[1], x[2], d, torque, rate, (slow[PHI], slow[H], slow[SAG], slow[LAGGED]), t, interval.shape[1] // 2,
+        interval, row, last, theta, p,
     )  # fmt: skip
-    set_slow(j, slow, after)
-    if at[j, AT_D] >= 0:
-        x[j, at[j, AT_D]] = d
-    return some(resting)
+    if at[AT_D] >= 0:
+        x[at[AT_D]] = above(has[AT_D], 0.5, d, x[at[AT_D]])
+    return resting
 
 
 @inlined
@@ -257,48 +245,37 @@ def motion_slopes(w, I, pos, d, phi, h, sag, w_cmd, theta, torque, p):
 
 
 @inlined
-def constant_slopes(j, x, at, w, d, i, di_dV, load, per_J, theta, p, base, g):
-    """Slopes of dw/dt and dx/dt by the states behind w, I, x, into g (3, n); entries that no state has are left alone.
-
-    p: parameters with this hypothesis' factors, base: without.
-    """
-    s = 1.0 if w > 0.0 else -1.0
-    if at[j, AT_SUPPLY] >= 0:
-        g[0, at[j, AT_SUPPLY]] = p[a.KM] * di_dV * base[j, a.VMAX] * per_J
-    if at[j, AT_A] >= 0:
-        g[0, at[j, AT_A]] = -p[a.COUPLING] * s * base[j, a.A] * per_J
-    if at[j, AT_B] >= 0:
-        g[0, at[j, AT_B]] = -p[a.COUPLING] * base[j, a.B] * theta * per_J
-    if at[j, AT_LOOSE] >= 0:
-        g[0, at[j, AT_LOOSE]] = -(1.0 - p[a.COUPLING]) * s * base[j, a.A_DECOUPLED] * per_J
-    if at[j, AT_J] >= 0:
-        g[0, at[j, AT_J]] = -(p[a.KM] * i - load) * per_J / x[j, at[j, AT_J]]
-    if at[j, AT_D] >= 0:
-        g[0, at[j, AT_D]] = -2.0 * p[a.C] * abs(d) * per_J
-    if at[j, AT_C] >= 0:
-        g[0, at[j, AT_C]] = -a.stop_torque(w, d, p) * per_J / x[j, at[j, AT_C]]
-    if at[j, AT_E] >= 0:
-        g[2, at[j, AT_E]] = -p[a.COUPLING] * p[a.D] * w * base[j, a.E]
-    if at[j, AT_TORQUE] >= 0:
-        g[0, at[j, AT_TORQUE]] = -per_J
-    if at[j, AT_RATE] >= 0:
-        g[2, at[j, AT_RATE]] = 1.0
+def _set_slope(g, row, at, has, kind, slope):
+    g[row, at[kind]] = above(has[kind], 0.5, slope, g[row, at[kind]])
 
 
 @inlined
-def slopes(j, x, at, slow, w_cmd, theta, p, base, g):
-    """Jacobian of (dw/dt, dI/dt, dx/dt) by the state, into g (3, n), at the state x while sliding.
+def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
+    """Slopes of dw/dt and dx/dt by the states behind w, I, x, into rows 0 and 1 of g (2, n); what no state has is left alone.
 
-    dI/dt has no entry but -1 for w, which callers know.
+    p: parameters with the factors in x, base: without.
     """
-    w, d = x[j, 0], value(j, at[j, AT_D], x)
-    for k in range(2, at[j, SIZE]):
-        g[0, k] = 0.0
-        g[2, k] = 0.0
-    g[0, 0], g[0, 1], g[0, 2], g[2, 0], i, di_dV, load, per_J = motion_slopes(
-        w, x[j, 1], x[j, 2], d, slow[j, PHI], slow[j, H], slow[j, SAG], w_cmd, theta, value(j, at[j, AT_TORQUE], x), p
-    )  # fmt: skip
-    constant_slopes(j, x, at, w, d, i, di_dV, load, per_J, theta, p, base, g)
+    s = above(w, 0.0, 1.0, -1.0)
+    if at[AT_SUPPLY] >= 0:
+        _set_slope(g, 0, at, has, AT_SUPPLY, p[a.KM] * di_dV * base[a.VMAX] * per_J)
+    if at[AT_A] >= 0:
+        _set_slope(g, 0, at, has, AT_A, -p[a.COUPLING] * s * base[a.A] * per_J)
+    if at[AT_B] >= 0:
+        _set_slope(g, 0, at, has, AT_B, -p[a.COUPLING] * base[a.B] * theta * per_J)
+    if at[AT_LOOSE] >= 0:
+        _set_slope(g, 0, at, has, AT_LOOSE, -(1.0 - p[a.COUPLING]) * s * base[a.A_DECOUPLED] * per_J)
+    if at[AT_J] >= 0:
+        _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / held(x, at, has, AT_J, 1.0))
+    if at[AT_D] >= 0:
+        _set_slope(g, 0, at, has, AT_D, -2.0 * p[a.C] * abs(d) * per_J)
+    if at[AT_C] >= 0:
+        _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / held(x, at, has, AT_C, 1.0))
+    if at[AT_E] >= 0:
+        _set_slope(g, 1, at, has, AT_E, -p[a.COUPLING] * p[a.D] * w * base[a.E])
+    if at[AT_TORQUE] >= 0:
+        _set_slope(g, 0, at, has, AT_TORQUE, -per_J)
+    if at[AT_RATE] >= 0:
+        _set_slope(g, 1, at, has, AT_RATE, 1.0 + nothing(w))
 
 
 @inlined
@@ -321,33 +298,6 @@ def constant_transition(by_w, by_x, by_d, w_slope, x_slope, t):
     """What a constant does to w in a step, from its slopes; numbers, or rows of them."""
     half = 0.5 * t * t
     return w_slope * (t + half * by_w) + x_slope * (half * (by_x + by_d))
-
-
-@inlined
-def transition(j, at, g, t, resting, F):
-    """Rows of the discrete transition matrix for w, I, x and, where there is one, d, into F (4, n): I + g t + (g t)^2 / 2.
-
-    Second-order terms of I and x by constants are left out: they are 1e-3 of what w passes on a sample later. d moves
-    with x. A motor that rests forgets its speed, and nothing else moves.
-    """
-    n, at_d = at[j, SIZE], at[j, AT_D]
-    for r in range(4):
-        for k in range(n):
-            F[r, k] = 0.0
-    F[1, 1], F[2, 2] = 1.0, 1.0
-    if not resting:
-        by_w, by_x, by_d = g[0, 0], g[0, 2], g[0, at_d] if at_d >= 0 else 0.0
-        F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[2, 0], F[2, 1] = motion_transition(
-            by_w, g[0, 1], by_x, by_d, g[2, 0], t
-        )
-        for k in range(3, n):
-            F[0, k] = constant_transition(by_w, by_x, by_d, g[0, k], g[2, k], t)
-            F[2, k] = t * g[2, k]
-    if at_d >= 0:
-        for k in range(n):
-            F[3, k] = F[2, k]
-        F[3, 2] -= 1.0
-        F[3, at_d] += 1.0
 
 
 @inlined
@@ -374,59 +324,31 @@ def readings(w, I, pos, h, sag, c, w_cmd, p, supply):
     )  # fmt: skip
 
 
-@inlined
-def channels(j, x, at, slow, w_cmd, theta, p, base, y, H):
-    """The `readings` into y (m, 3) row j, and their slopes by w, I, x and the factor of the supply, into H (3, 4)."""
-    (
-        y[j, 0], y[j, 1], y[j, 2], H[0, 0], H[0, 1], H[0, 3], H[1, 0], H[1, 1], H[1, 3], H[2, 0], H[2, 2],
-    ) = readings(
-        x[j, 0], x[j, 1], x[j, 2], slow[j, 1], slow[j, SAG], slow[j, LAGGED], w_cmd, p, base[j, a.VMAX]
-    )  # fmt: skip
-    H[0, 2], H[1, 2], H[2, 1], H[2, 3] = 0.0, 0.0, 0.0, 0.0
-
-
 LOG_2PI = math.log(2.0 * math.pi)
 
 
 @inlined
-def glitch(j, S, e, c, glitches, limit, samples):
-    """Whether an innovation e of variance S is a glitch: farther than `limit` standard deviations, for at most `samples`.
+def failed_channel(z, previous, y, spread, sigma, bias, variance, tuning):
+    """Log-density of a channel that has failed, and its bias afterwards, mean and variance.
 
-    Counts channel c of hypothesis j in glitches (m, 3).
-    """
-    far = e * e > limit * limit * S
-    if not far:
-        glitches[j, c] = 0.0
-        return False
-    if glitches[j, c] < samples:
-        glitches[j, c] += 1.0
-        return True
-    return False
-
-
-@inlined
-def failed_channel(j, z, previous, y, spread, sigma, bias, tuning):
-    """Log-density of a channel that has failed, and the update of its bias; bias (m, 2) mean and variance, row j in place.
-
-    z, previous: reading now and a sample ago; y: what the state predicts, with variance `spread`; sigma: the channel's
-    noise. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of
-    repeating, its scale in sigma, weight of noise, its scale in sigma).
+    z, previous: reading now and a sample ago (infinite where there was none); y: what the state predicts, with variance
+    `spread`; sigma: the channel's noise; bias, variance: what its bias was. A failed channel is off by a slowly moving
+    bias, or repeats itself, or is noisy; tuning: (weight of repeating, its scale in sigma, weight of noise, its scale).
     """
     wide, narrow = tuning[3] * sigma, tuning[1] * sigma
-    S = spread + bias[j, 1] + sigma * sigma
+    S = spread + variance + sigma * sigma
     noise, repeat = S + wide * wide, narrow * narrow
-    e, change = z - y - bias[j, 0], z - previous
+    e, change = z - y - bias, z - previous
     by_S, by_noise, by_repeat = e * e / S, e * e / noise, change * change / repeat
-    least = min(by_S, by_noise, by_repeat)
-    off = (1.0 - tuning[0] - tuning[2]) / math.sqrt(S) * math.exp(0.5 * (least - by_S))
-    noisy = tuning[2] / math.sqrt(noise) * math.exp(0.5 * (least - by_noise))
-    still = tuning[0] / math.sqrt(repeat) * math.exp(0.5 * (least - by_repeat))
+    least = above(by_S, by_noise, by_noise, by_S)
+    least = above(least, by_repeat, by_repeat, least)
+    off = (1.0 - tuning[0] - tuning[2]) / sqrt(S) * exp(0.5 * (least - by_S))
+    noisy = tuning[2] / sqrt(noise) * exp(0.5 * (least - by_noise))
+    still = tuning[0] / narrow * exp(0.5 * (least - by_repeat))
     total = off + noisy + still
     trust = 1.0 - noisy / total
-    gain = bias[j, 1] / S
-    bias[j, 0] += trust * gain * e
-    bias[j, 1] *= 1.0 - trust * gain
-    return math.log(total) - 0.5 * (LOG_2PI + least)
+    gain = variance / S
+    return log(total) - 0.5 * (LOG_2PI + least), bias + trust * gain * e, variance * (1.0 - trust * gain)
 
 
 @inlined
@@ -488,54 +410,5 @@ def mode_transition(rates, t, M, work):
                 M[r, c] = product[r, c]
 
 
-# Sigma points at sqrt(n) standard deviations: with alpha = 1 and kappa = 0 no weight is negative, so that a covariance
-# stays one; beta = 2 is right for a Gaussian. Small alphas weigh the centre by -1e6 and lose six digits.
-ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
-FLAT = 1e-12  # least share of a variance that a pivot keeps
-
-
-@inlined
-def factor(j, P, n, L):
-    """Lower Cholesky factor of the symmetric part of P[j] (m, n, n), into L (n, n).
-
-    A pivot that rounding took below FLAT of its variance is set to that share: P may be singular.
-    """
-    for k in range(n):
-        for q in range(k + 1):
-            total = 0.5 * (P[j, k, q] + P[j, q, k])
-            for r in range(q):
-                total -= L[k, r] * L[q, r]
-            if q < k:
-                L[k, q] = total / L[q, q]
-                L[q, k] = 0.0
-            else:
-                L[k, k] = math.sqrt(max(total, FLAT * P[j, k, k], 1e-300))
-
-
 LOST = -1e12  # log-density of a sample after which a hypothesis had to start anew, and the least of any
 FARTHEST, WIDEST = 1e9, 1e12  # state and variance, SI units, that no actuator reaches
-
-
-@inlined
-def lost(j, n, x, P):
-    """Whether state j is beyond what any reading can have meant: numbers that would soon be no numbers."""
-    far, wide, narrow = 0.0, 0.0, 0.0
-    for k in range(n):
-        far += abs(x[j, k])
-        wide += abs(P[j, k, k])
-        narrow = min(narrow, P[j, k, k])
-    return not (far < FARTHEST and wide < WIDEST and narrow > -1.0)
-
-
-@inlined
-def start_anew(j, n, x, P, slow, mean, var, position):
-    """State j at rest at `position` [m], everything else at the entry prior mean, var (m, n); rows j in place."""
-    for k in range(n):
-        for q in range(n):
-            P[j, k, q] = 0.0
-        x[j, k] = mean[j, k]
-        P[j, k, k] = var[j, k]
-    if position == position:
-        x[j, 2] = position
-    for k in range(SLOW):
-        slow[j, k] = 0.0

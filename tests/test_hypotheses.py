@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 from observer_fi import transition as tr
 from observer_fi.actuator import INDEX
+from observer_fi.bank_rows import bank_rows, places
 from observer_fi.hypotheses import SHARED, arrays, bank, transition_rates
 from observer_fi.models import load_rig
 from observer_fi.settings import BankSettings
@@ -51,15 +52,29 @@ def test_source_maps_follow_state_names() -> None:
                 at = ARRAYS.source[j, i, k]
                 assert at == (source.states.index(state) if state in source.states else -1)
             assert (ARRAYS.source[j, i, len(target.states) :] == -1).all()
-            assert ARRAYS.aligned[j, i]
-            for k, state in enumerate(target.states[3:]):
-                prior = (
-                    (0.0, 0.0)
-                    if state in source.states
-                    else (ARRAYS.entry_mean[j, k + 3], ARRAYS.entry_var[j, k + 3])
-                )
-                assert ARRAYS.shared[j, i, k] == (state in source.states)
-                assert (ARRAYS.lacking_mean[j, i, k], ARRAYS.lacking_var[j, i, k]) == prior
+
+
+def test_states_that_several_hypotheses_have_stand_in_one_place() -> None:
+    """Those of one alone share the places behind, and a place holds the prior of whoever has it."""
+    found, common = places(HYPOTHESES)
+    at = [dict(zip(h.states, to, strict=True)) for h, to in zip(HYPOTHESES, found, strict=True)]
+    for j, h in enumerate(HYPOTHESES):
+        assert len(set(found[j])) == len(h.states)
+        for state in h.states:
+            others = [k for k, other in enumerate(HYPOTHESES) if state in other.states]
+            assert len({at[k][state] for k in others}) == 1
+            assert (at[j][state] < common) == (len(others) > 1)
+    rows = bank_rows(HYPOTHESES, ARRAYS)
+    assert at[1]["d"] == at[2]["A_decoupled"] == at[3]["torque"] == common and rows.n == common + 3
+    for j, h in enumerate(HYPOTHESES):
+        absent = np.setdiff1d(np.arange(rows.n), found[j])
+        np.testing.assert_array_equal(rows.holds[:, j], np.isin(np.arange(rows.n), found[j]))
+        np.testing.assert_array_equal(rows.entry_mean[found[j], j], ARRAYS.entry_mean[j, : len(h.states)])
+        np.testing.assert_array_equal(rows.entry_var[found[j], j], ARRAYS.entry_var[j, : len(h.states)])
+        assert not rows.entry_var[absent, j].any() and not rows.diffusion[absent, j].any()
+    np.testing.assert_array_equal(
+        rows.holds[:, 7], rows.holds[:, 0]
+    )  # a row without a hypothesis repeats the first
 
 
 def test_entry_priors_are_the_rigs_spread() -> None:

@@ -21,8 +21,10 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from observer_fi import kernels, smoothing
+from observer_fi.beginning import first_readings, start
 from observer_fi.hypotheses import Hypothesis, bank, transition_rates
 from observer_fi.models import load_rig, override, with_values
+from observer_fi.observers import FilterpyBank
 from observer_fi.records import Estimate, Log
 from observer_fi.settings import BankSettings
 
@@ -56,8 +58,8 @@ def linear_log(n: int, seed: int = 0) -> Log:
 
 def textbook_start(h: Hypothesis, log: Log) -> tuple[np.ndarray, np.ndarray]:
     made = kernels.Bank(LINEAR_RIG, LINEAR, (h,))
-    state = kernels.start((h,), made.arrays, kernels.first_readings(log.z), SPEED)
-    return state.x[0].copy(), state.P[0].copy()
+    (first,) = start((h,), made.arrays, first_readings(log.z), SPEED)
+    return first.x, first.P
 
 
 def textbook_update(
@@ -102,8 +104,7 @@ def test_one_linear_hypothesis_is_a_kalman_filter(kind: str) -> None:
     made = kernels.Bank(LINEAR_RIG, LINEAR, (h,), filter_kind=kind)
     got = made.advance(log)
     np.testing.assert_allclose(got.density[:, 0], densities, rtol=1e-10, atol=1e-8)
-    assert made.state is not None
-    assert_moments(made.state.x[0], made.state.P[0], x, P)
+    assert_moments(*made.moments()[0], x, P)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -125,9 +126,8 @@ def test_linear_hypotheses_are_a_textbook_imm(kind: str) -> None:
     made = kernels.Bank(LINEAR_RIG, settings, hypotheses, filter_kind=kind)
     got = made.advance(log)
     np.testing.assert_allclose(got.probability, expected, rtol=0.0, atol=1e-10)
-    assert made.state is not None
-    for j, (x, P) in enumerate(moments):
-        assert_moments(made.state.x[j], made.state.P[j], x, P)
+    for found, (x, P) in zip(made.moments(), moments, strict=True):
+        assert_moments(*found, x, P)
 
 
 def test_linear_smoother_is_the_textbook_one() -> None:
@@ -362,9 +362,9 @@ def errors(seed: int, kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     edges = [0, *(int(np.searchsorted(log.t, t)) for t in INSTANTS), log.t.size]
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         nis.append(made.advance(rows(log, slice(a, b))).nis[:, 0])
-        assert made.state is not None
-        off.append(made.state.x[0, :3] - truth[b - 1])
-        P.append(made.state.P[0, :3, :3].copy())
+        x, covariance = made.moments()[0]
+        off.append(x[:3] - truth[b - 1])
+        P.append(covariance[:3, :3])
     return np.array(off[:-1]), np.array(P[:-1]), np.concatenate(nis)
 
 
@@ -424,15 +424,25 @@ def test_the_order_in_which_hypotheses_name_their_states_does_not_matter() -> No
         replace(h, states=(*h.states[:3], *h.states[:2:-1])) if k % 2 else h for k, h in enumerate(usual)
     )
     a, b = (kernels.Bank(RIG, SETTINGS, hypotheses).advance(log) for hypotheses in (usual, turned))
-    assert not kernels.Bank(RIG, SETTINGS, turned).arrays.aligned.all()
     np.testing.assert_allclose(a.probability, b.probability, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(a.density, b.density, rtol=1e-6, atol=1e-6)
 
 
-def test_too_many_constants_are_an_error_that_says_so() -> None:
-    many = Hypothesis("many", "nominal", RIG.model, ("w", "I", "x", *(f"c{k}" for k in range(9))))
-    with pytest.raises(ValueError, match="at most 8 numbers, got 9"):
-        kernels.Bank(RIG, SETTINGS, (many,))
+@pytest.mark.parametrize("kind", KINDS)
+def test_more_hypotheses_and_states_than_a_row_has_numbers(kind: str) -> None:
+    """Ten hypotheses, one of them with twelve states, against filterpy."""
+    log = cut(move(3, "overload"), onset(3, "overload") - 0.05, onset(3, "overload") + 0.05)
+    usual = bank(RIG, SETTINGS)
+    every = tuple(dict.fromkeys(state for h in usual for state in h.states))
+    rich = replace(usual[1], name="rich", states=every[:12])
+    hypotheses = (*usual, rich, *usual[1:3])
+    got, expected = (
+        made(RIG, SETTINGS, hypotheses, filter_kind=kind).advance(log)
+        for made in (kernels.Bank, FilterpyBank)
+    )
+    assert got.probability.shape[1] == 10 and len(rich.states) == 12
+    np.testing.assert_allclose(got.probability, expected.probability, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(got.density, expected.density, rtol=1e-5, atol=1e-5)
 
 
 def test_two_runs_write_the_same_bits_wherever_their_arrays_lie() -> None:

@@ -16,12 +16,14 @@ from scipy.linalg import cholesky, expm
 
 from observer_fi import kernels, models, smoothing
 from observer_fi import transition as tr
+from observer_fi.beginning import first_readings, start
 from observer_fi.hypotheses import Hypothesis, arrays, bank
 from observer_fi.ingest import read_log
 from observer_fi.models import load_rig, with_values
 from observer_fi.observers import Ekf, FilterpyBank, LogIMM, Observer, Step, Ukf
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
+from observer_fi.unscented import factor
 
 DATA = Path(__file__).parent.parent / "data"
 SAMPLES = json.loads((DATA / "samples.json").read_text())
@@ -346,11 +348,11 @@ def test_a_glitch_counts_at_the_gate_and_moves_nothing(kind: str) -> None:
 def test_the_mean_moves_by_the_equations_not_by_the_jacobian() -> None:
     f = at_speed(Ekf)
     f.x[:2] = 50.0, 1.5  # saturated
-    x = f.x[None].copy()
-    assert not f._moved(x, np.zeros((1, tr.SLOW)), STEADY)
+    x = f.x.copy()
+    assert not f._moved(x, np.zeros(tr.SLOW), STEADY)
     before = f.x.copy()
     f.predict(STEADY)
-    np.testing.assert_array_equal(f.x, x[0])
+    np.testing.assert_array_equal(f.x, x)
     assert abs((f.F @ before)[0] - f.x[0]) > 1.0  # the trap: filterpy's predict_x
 
 
@@ -374,7 +376,7 @@ def test_a_covariance_that_rounding_spoilt_still_has_sigma_points() -> None:
     with pytest.raises(np.linalg.LinAlgError):
         cholesky(P)  # the trap
     L = np.zeros((3, 3))
-    tr.factor(0, P[None].copy(), 3, L)
+    factor(0.5 * (P + P.T), 3, L)
     np.testing.assert_allclose(L @ L.T, 0.5 * (P + P.T), rtol=0.0, atol=2e-12)
     sharp = models.Rig(RIG.name, "", RIG.drive, RIG.quantities, RIG.noise | {"position": 1e-8})
     settings = BankSettings(augment=False, glitch_sigma=1e12)
@@ -404,8 +406,8 @@ def test_smoother_equals_filterpys_on_a_linear_case() -> None:
     log = Log("", np.arange(n) * DT, rng.normal(size=(n, 3)) * free.noise_std, np.full(n, 300.0), np.zeros(n))
     log.z[:, 0] += free.model["Km"] * 300.0
     log.z[40:50] = np.nan
-    first = kernels.start((h,), f.b, kernels.first_readings(log.z), 300.0)
-    f.x, f.P = first.x[0].copy(), first.P[0].copy()
+    (first,) = start((h,), f.b, first_readings(log.z), 300.0)
+    f.x, f.P = first.x, first.P
     xs, Ps, Fs, Qs = np.empty((n, 3)), np.empty((n, 3, 3)), [], []
     for k in range(n):
         f.predict(STEADY._replace(dt=np.nan if k == 0 else DT))

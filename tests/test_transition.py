@@ -12,6 +12,7 @@ from observer_fi import actuator as a
 from observer_fi import transition as tr
 from observer_fi.hypotheses import BankArrays, arrays, bank
 from observer_fi.models import Rig, load_rig, with_values
+from observer_fi.observers import Ekf, Step
 from observer_fi.settings import BankSettings
 
 RIG = load_rig()
@@ -57,23 +58,20 @@ def step(
     b: BankArrays = ARRAYS,
 ) -> tuple[np.ndarray, bool]:
     """State j one sample later, and whether the motor rests."""
-    x, p, slow = x.copy(), b.parameters[0].copy(), np.zeros((len(x), tr.SLOW))
-    tr.load_parameters(j, x, b.layout, b.parameters, p)
+    x, p, slow, at = x[j].copy(), b.parameters[j].copy(), np.zeros(tr.SLOW), b.layout[j]
+    has = (at >= 0).astype(float)
+    tr.load_parameters(x, at, has, b.parameters[j], p)
     interval = np.full((1, 2 * steps), w_cmd)
-    resting = tr.propagate(j, x, b.layout, slow, dt, interval, 0, w_cmd, theta, p)
-    return x[j], bool(resting)
+    resting = tr.propagate(x, at, has, slow, dt, interval, 0, w_cmd, theta, p)
+    return x, bool(resting)
 
 
 def jacobian(j: int, x: np.ndarray, w_cmd: float, resting: bool = False, theta: float = 4.0) -> np.ndarray:
-    """Rows of F for w, I, x, d as the filters take them, (4, n)."""
-    n = x.shape[1]
-    p, slow = ARRAYS.parameters[0].copy(), np.zeros((len(x), tr.SLOW))
-    g, F = np.zeros((3, n)), np.zeros((4, n))
-    g[1, 0] = -1.0
-    tr.load_parameters(j, x, ARRAYS.layout, ARRAYS.parameters, p)
-    tr.slopes(j, x, ARRAYS.layout, slow, w_cmd, theta, p, ARRAYS.parameters, g)
-    tr.transition(j, ARRAYS.layout, g, DT, resting, F)
-    return F
+    """F of hypothesis j as the filters take it, (n, n): here filterpy's, whose moments the compiled ones must have."""
+    f = Ekf(HYPOTHESES[j], RIG, SETTINGS)
+    f.x, f.resting = x[j, : f.n].copy(), resting
+    slopes = f._slopes(Step(DT, np.full((1, 2), w_cmd), w_cmd, theta))
+    return f._transition(slopes, DT)
 
 
 def spread(j: int) -> np.ndarray:
@@ -106,14 +104,14 @@ def test_jacobian_is_the_slope_of_the_step(name: str, situation: str) -> None:
     at = SITUATIONS[situation]
     x = state(j, at)
     n, states = int(ARRAYS.size[j]), HYPOTHESES[j].states
-    exact, F = differences(j, x, at[3]) * spread(j)[:n], jacobian(j, x, at[3])[:, :n] * spread(j)[:n]
+    exact, F = differences(j, x, at[3]) * spread(j)[:n], jacobian(j, x, at[3]) * spread(j)[:n]
     assert np.abs(F[0] - exact[0]).max() <= 0.025 * np.abs(exact[0]).max()
     assert np.abs(F[2] - exact[2]).max() <= 1e-4 * np.abs(exact[2]).max()
     np.testing.assert_allclose(F[1, :2], exact[1, :2], rtol=2e-3)
     assert (np.abs(F[1, 2:] - exact[1, 2:]) <= 0.52 * DT * np.abs(exact[0, 2:]) + 1e-12).all()
     if "d" in states:
         d = states.index("d")
-        assert np.abs(F[3] - exact[d]).max() <= 2e-4 * np.abs(exact[d]).max()
+        assert np.abs(F[d] - exact[d]).max() <= 2e-4 * np.abs(exact[d]).max()
     constants = [k for k in range(3, n) if states[k] != "d"]
     np.testing.assert_allclose(exact[constants], np.diag(spread(j)[:n])[constants], atol=1e-9)
 
@@ -126,9 +124,9 @@ def test_a_motor_at_rest_forgets_its_speed_and_keeps_the_rest() -> None:
         assert resting
         np.testing.assert_array_equal(after, x[j])
         F = jacobian(j, x, 0.0, resting=True)
-        expected = np.eye(x.shape[1])[:3]
+        expected = np.eye(len(h.states))
         expected[0, 0] = 0.0
-        np.testing.assert_array_equal(F[:3], expected)
+        np.testing.assert_array_equal(F, expected)
 
 
 # --- the mean ------------------------------------------------------------------------------------
@@ -222,10 +220,15 @@ def test_half_steps_of_the_command_are_used() -> None:
 
 
 def seen(j: int, x: np.ndarray, w_cmd: float, b: BankArrays = ARRAYS) -> tuple[np.ndarray, np.ndarray]:
-    p, y, H = b.parameters[0].copy(), np.zeros((len(x), 3)), np.zeros((3, 4))
-    tr.load_parameters(j, x, b.layout, b.parameters, p)
-    tr.channels(j, x, b.layout, np.zeros((len(x), tr.SLOW)), w_cmd, 4.0, p, b.parameters, y, H)
-    return y[j], H
+    """Readings (3,) and their slopes (3, 4) by w, I, x and the factor of the supply."""
+    base, at = b.parameters[j], b.layout[j]
+    p = base.copy()
+    tr.load_parameters(x[j], at, (at >= 0).astype(float), base, p)
+    V, i, shown, V_w, V_I, V_v, i_w, i_I, i_v, x_w, x_x = tr.readings(
+        *x[j, :3], 0.0, 0.0, 0.0, w_cmd, p, base[a.VMAX]
+    )
+    H = np.array([[V_w, V_I, 0.0, V_v], [i_w, i_I, 0.0, i_v], [x_w, 0.0, x_x, 0.0]])
+    return np.array([V, i, shown]), H
 
 
 @pytest.mark.parametrize(("name", "situation"), list(itertools.product(NAMES, SITUATIONS)))
@@ -277,9 +280,9 @@ TUNING = np.array(
 
 def failed(
     z: float, previous: float, variance: float = 0.0, sigma: float = 1.0, bias: float = 0.0
-) -> tuple[float, np.ndarray]:
-    memory = np.array([[bias, variance]])
-    return tr.failed_channel(0, z, previous, 0.0, 0.0, sigma, memory, TUNING), memory[0]
+) -> tuple[float, float, float]:
+    """Log-density, and mean and variance of the bias afterwards."""
+    return tr.failed_channel(z, previous, 0.0, 0.0, sigma, bias, variance, TUNING)
 
 
 def test_density_of_a_failed_channel_integrates_to_one() -> None:
@@ -293,13 +296,12 @@ def test_density_of_a_failed_channel_integrates_to_one() -> None:
 
 
 def test_a_bias_is_learned_and_a_burst_of_noise_is_not() -> None:
-    memory = np.array([[0.0, 9e4]])
+    bias, variance = 0.0, 9e4
     for _ in range(50):
-        tr.failed_channel(0, 200.0, np.inf, 0.0, 0.0, 1.0, memory, TUNING)
-    assert memory[0, 0] == pytest.approx(200.0, abs=0.5) and memory[0, 1] < 0.1
-    settled = memory.copy()
-    tr.failed_channel(0, 240.0, np.inf, 0.0, 0.0, 1.0, memory, TUNING)  # 40 sigma off: noise, not the bias
-    np.testing.assert_allclose(memory, settled, rtol=1e-6)
+        _, bias, variance = failed(200.0, np.inf, variance, bias=bias)
+    assert bias == pytest.approx(200.0, abs=0.5) and variance < 0.1
+    _, *after = failed(240.0, np.inf, variance, bias=bias)  # 40 sigma off: noise, not the bias
+    np.testing.assert_allclose(after, [bias, variance], rtol=1e-6)
 
 
 def test_a_repeated_reading_speaks_for_a_frozen_converter() -> None:
