@@ -23,7 +23,7 @@ from observer_fi.memory import BankState, Memory, memory_of, remembered
 from observer_fi.mixing import mix, posterior
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.rows import above, larger, nothing, seldom, sqrt
+from observer_fi.rows import above, larger, nothing, room, seldom, sqrt
 from observer_fi.scratch import rows_of, scratch
 from observer_fi.settings import BankSettings
 
@@ -295,7 +295,7 @@ class Bank:
 def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
     """Arrays of these shapes in one allocation, which the system gives in large pages: small ones cost more than a sample."""
     sizes = [math.prod(shape) for shape in shapes]
-    parts = np.split(np.empty(sum(sizes)), np.cumsum(sizes)[:-1])
+    parts = np.split(room(sum(sizes)), np.cumsum(sizes)[:-1])
     return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from observer_fi import kernels
 from observer_fi import transition as tr
-from observer_fi.bank_rows import SKIPPED_S, tuning
+from observer_fi.bank_rows import SKIPPED_S, lined_up, tuning
 from observer_fi.beginning import REST_VARIANCE, first_readings, start
 from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
@@ -136,11 +136,10 @@ def _fed(log: Log, rig: Rig, settings: BankSettings) -> Fed:
 
 def _room(steps: int) -> Feed:
     """A Feed for a block of samples, `steps` half-steps in an interval."""
-    n = kernels.BLOCK
-    return Feed(
-        np.empty((n, LANES)), np.empty((n, steps, LANES)), np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES)),
-        np.empty((n, 3, LANES)),
-    )  # fmt: skip
+    one = np.zeros((kernels.BLOCK, LANES))
+    return lined_up(
+        Feed(one, np.zeros((kernels.BLOCK, steps, LANES)), one, one, one, np.zeros((kernels.BLOCK, 3, LANES)))
+    )
 
 
 def _fill(feed: Feed, feeds: list[Fed], part: slice) -> None:
@@ -167,7 +166,7 @@ def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...]]], rig: Rig, settings: 
     upper = np.stack([P[..., r, c] for r, c in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))])
     mu = np.full((m, LANES), UNLIKELY)
     mu[0] = 1.0 - UNLIKELY * (m - 1)
-    return Lanes(
+    return lined_up(Lanes(
         np.array([[memory.x for memory in s] for s in starts]).transpose(1, 2, 0).copy(), upper.transpose(2, 0, 1).copy(),
         np.array([[memory.slow for memory in s] for s in starts]).transpose(1, 2, 0).copy(),
         np.full((m, 3, LANES), np.nan), np.zeros((m, 3, LANES)),
@@ -175,7 +174,7 @@ def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...]]], rig: Rig, settings: 
         np.zeros((m, m, LANES)), np.zeros((4, m, m)),
         np.array(p).transpose(1, 2, 0).copy(), np.zeros((m, 3, LANES)), np.zeros((m, 6, LANES)),
         np.zeros((m, LANES)), np.full((1, LANES), -1.0),
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 @inlined

@@ -14,11 +14,16 @@ MOST = 8
 Wide = tuple[int, ...]  # as many zeros as a row has numbers: the compiler knows the length of a tuple
 
 
+def room(count: int) -> Any:
+    """Memory for so many numbers, the first where a row may stand: rows that cross a cache line take twice as long."""
+    memory = np.empty(count + MOST)
+    first = (-memory.ctypes.data // 8) % MOST
+    return memory[first : first + count]
+
+
 def aligned(a: Any) -> Any:
-    """A copy of an array whose first number stands where a row may: rows that cross a cache line take twice as long."""
-    room = np.empty(a.size + MOST)
-    first = (-room.ctypes.data // 8) % MOST
-    out = room[first : first + a.size].reshape(a.shape)
+    """A copy of an array in such memory."""
+    out = room(a.size).reshape(a.shape)
     out[...] = a
     return out
 

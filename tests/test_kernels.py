@@ -414,7 +414,7 @@ def test_smoothing_none_of_these_recovers_what_the_equations_lack() -> None:
     )
 
 
-# --- the rows of constants ------------------------------------------------------------------------
+# --- hypotheses side by side ----------------------------------------------------------------------
 
 
 def test_the_order_in_which_hypotheses_name_their_states_does_not_matter() -> None:
