@@ -114,7 +114,12 @@ class Parser:
 
     def _header(self, line: str) -> None:
         self.separator = self.map.separator or max(",;\t|", key=line.count)
-        self.headers = header_fields(line, self.separator)
+        try:
+            self.headers = header_fields(line, self.separator)
+        except csv.Error as error:
+            raise InvalidLogError(
+                f"{self.source}: line {self.number} is no header ({error}); send one line of column names first"
+            ) from error
         if all(_is_number(text.replace(",", ".")) for text in self.headers):
             raise InvalidLogError(
                 f"{self.source}: line {self.number} holds numbers, not column names; send a header first, "

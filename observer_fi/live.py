@@ -15,10 +15,10 @@ from observer_fi import feed, kernels
 from observer_fi.diagnose import make_bank
 from observer_fi.isolate import Isolator, channel_of, label_of, log_verdict, tested
 from observer_fi.models import Rig
-from observer_fi.records import LABELS, Array, Estimate, Event, Log
+from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.settings import BankSettings, Settings
 
-MOST = 1024  # samples of a batch
+MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 
 
 class Row(NamedTuple):
@@ -80,7 +80,7 @@ class LiveBank(kernels.Bank):
         return bool(feed.place(rows, before, longest, self.t, self.z, self.pitch, self.w_cmd))
 
     def _views(self, n: int) -> tuple[tuple[Array, ...], Estimate]:
-        """The arrays for n samples, and the estimate made of them; those of the latest n are kept."""
+        """The arrays for n samples, and the estimate made of them; kept until n is another."""
         if n not in self.views:
             arrays = (
                 self.t, self.w_cmd, self.pitch, self.z, self.late, self.interval, self.active, *self.out
@@ -132,7 +132,6 @@ class Live:
         self.held: Array | None = table_of([])
         self.told: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
-        self.posterior: dict[str, float] = dict.fromkeys(LABELS, 0.0) | {"nominal": 1.0}
 
     def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
         """The estimate of the samples, with tested probabilities, and the changes that they bring, batch by batch."""

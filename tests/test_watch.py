@@ -354,6 +354,7 @@ def test_a_second_header_is_a_new_writer() -> None:
         ("time_s,current_a\n", "position_m"),
         ("time_s,current_a,position_m\n", "speed_cmd_rad_s is missing; a stream needs it"),
         ('{"time_s": 0}\n', "current_a"),
+        ("time_s,curr\rent_a,position_m\n", "line 1 is no header"),
     ],
 )
 def test_a_stream_that_cannot_be_used_is_refused_in_one_line(text: str, message: str) -> None:
