@@ -72,7 +72,6 @@ class Parser:
         self.number = 0
         self.headers: list[str] = []
         self.separator = ","
-        self.comma = bool(self.map.decimal_comma)
         self.at: tuple[int, ...] = ()
         self.factors: tuple[float, ...] = ()
         self.restarted = False
@@ -82,7 +81,7 @@ class Parser:
         if self.format != "csv" or self.coded or self.number + 1 < (self.map.data_line or 0):
             return None
         used = [c for c, k in enumerate(self.at) if k >= 0]
-        found = numbers(block, self.separator, len(self.headers), tuple(self.at[c] for c in used))
+        found = self._numbers(block, tuple(self.at[c] for c in used))
         if found is None:
             return None
         table = np.full((len(found), len(COLUMNS)), NAN)
@@ -92,6 +91,13 @@ class Parser:
             table[:, 4] = 0.0
         table[~(np.abs(table) <= np.array(self.limits))] = NAN
         return table
+
+    def _numbers(self, block: bytes, at: tuple[int, ...]) -> Array | None:
+        """The fields at those positions: all with decimal points, or all with decimal commas."""
+        found = numbers(block, self.separator, ".", len(self.headers), at)
+        if found is None and self.separator != ",":
+            return numbers(block, self.separator, ",", len(self.headers), at)
+        return found
 
     def row(self, line: str) -> Row | None:
         """The sample of a line, None where it holds none (header, comment, blank line).

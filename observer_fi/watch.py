@@ -31,7 +31,7 @@ from observer_fi.settings import Settings
 
 SCHEMA = "observer-fi/watch/1"
 READ_BYTES = 1 << 16
-FEW_BYTES = 1 << 11  # of lines: fewer are parsed sooner one by one
+FEW_BYTES = 1 << 12  # of lines: fewer are parsed sooner one by one
 BUSY_S, IDLE_S = 5e-4, 0.02  # how often a file is looked at while it grows, and when it has not for a second
 
 
@@ -346,7 +346,7 @@ def watch(source: Pipe | Growing, options: Options, out: TextIO, complain: Calla
 
 def warm_up(options: Options) -> None:
     """Load the kernels and the parser, and leave nothing to the garbage collector, before the first line comes."""
-    numbers(b"0\n", ",", 1, (0,))
+    numbers(b"0\n", ",", ".", 1, (0,))
     live = Live(options.rig, options.settings, options.engine, options.filter_kind)
     for k in range(80):
         for _ in live.add([Row(k * 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)]):

@@ -170,11 +170,11 @@ ODD_LINES = (
     "0.3,12.0,broken,0.1,0,410", "0.5;1", "\x00\xff", "", "   ", "# a comment", "1,2,3", "0.3,,,,,", ",,,,,", "\r",
     "{t},1,,0.1,0,", "{t},1,0.5,0.1,,410", "{t},nan(1),0.5,0.1,0,0", '"{t}",1,2,0.1,0,0', "nan,1,0.5,0.1,0,410",
     "{t},1e9,-inf,+0.1,0,0", "{t},1,0.5\r3,0.1,0,0", "{t},1_0,0.5,0.1,0,0", "-1,0,0,0,0,0", "{t},1,1,0.1,0,410\r",
-    "time_s,voltage_v,current_a,position_m,pitch_deg,speed_cmd_rad_s",
+    "time_s,voltage_v,current_a,position_m,pitch_deg,speed_cmd_rad_s", "{t},1,,0.1,0,410", "{t},,0.5,0.1,0,0",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(12))
 def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Odd lines at random places, a clock that jumps back, random pieces: byte for byte the same output."""
     rng = np.random.default_rng(seed)
@@ -184,7 +184,12 @@ def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.Monke
         k = int(rng.integers(2, len(lines)))
         odd = ODD_LINES[int(rng.integers(len(ODD_LINES)))]
         lines.insert(k, odd.replace("{t}", lines[k - 1].split(",")[0] + "3"))
-    data = ("\r\n" if seed % 2 else "\n").join(lines).encode("latin-1")
+    if seed % 3 == 1:  # tabs, and the current at the end of the line, where it may be empty
+        lines = ["\t".join(f[:2] + f[3:] + f[2:3]) for f in (line.split(",") for line in lines)]
+    text = ("\r\n" if seed % 2 else "\n").join(lines)
+    if seed % 3 == 2:
+        text = text.replace(",", ";").replace(".", ",")
+    data = text.encode("latin-1")
     cuts = [0, *np.sort(rng.integers(0, len(data), 12)).tolist(), len(data)]
     pieces = [data[a:b] for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     options = Options(RIG, SETTINGS, every=7)
