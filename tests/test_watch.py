@@ -413,7 +413,7 @@ def test_two_hundred_moves_leave_no_object_behind() -> None:
 
 
 @pytest.mark.slow
-def test_a_day_fed_fast_does_not_grow(tmp_path: Path) -> None:
+def test_a_process_fed_fast_does_not_grow(tmp_path: Path) -> None:
     """300 000 samples through the whole process: resident memory after the first tenth is that at the end."""
     lines = csv_lines(sample_log("none"))
     table = np.array([[float(v) for v in line.split(",")] for line in lines[2:]])
