@@ -155,6 +155,24 @@ def cleaned(t, z, w_cmd, pitch, before, held, out_z, out_w, out_theta):
     return longest
 
 
+@uncounted
+def place(rows, before, longest, out_t, out_z, out_pitch, out_w):
+    """Put samples (n, 6), the fields of `live.Row`, into arrays of their own; whether `LogStream` takes them as they are.
+
+    That is: no step beyond `longest` from the sample before (at `before`) on, and nothing that can be no reading.
+    """
+    for k in range(rows.shape[0]):
+        t, pitch, w = rows[k, 0], rows[k, 4], rows[k, 5]
+        if not (t - before <= longest and abs(pitch) <= 180.0 and abs(w) <= LARGEST):
+            return False
+        for c in range(3):
+            if abs(rows[k, 1 + c]) >= LARGEST:
+                return False
+            out_z[k, c] = rows[k, 1 + c]
+        out_t[k], out_pitch[k], out_w[k], before = t, pitch, w, t
+    return True
+
+
 class LogStream:
     """A log chunk by chunk, with a missing sample wherever its clock has a gap, and NaN for what can be no reading."""
 

@@ -7,7 +7,7 @@ and a stream end in the same verdict.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,9 +211,27 @@ class EventTracker:
 
     def _add_rest(self, nis: Array) -> None:
         """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""
-        nis = np.minimum(np.nan_to_num(nis), 10.0 * self.dof)
-        self.rest_nis += nis.sum(axis=0)
+        self.rest_nis += self._capped(nis).sum(axis=0)
         self.rest_samples += nis.shape[0]
+
+    def _capped(self, nis: Array) -> Array:
+        return np.minimum(np.nan_to_num(nis), 10.0 * self.dof)
+
+    def _rest_misfits(self, nis: Any, samples: Any) -> Any:
+        """Whether the NIS of a hypothesis, summed over samples at rest, is beyond what a right one shows."""
+        return nis >= self.settings.rest_limit * self.dof * samples
+
+    def grounds(self) -> tuple[object, ...]:
+        """What the label of the verdict depends on, besides the winner in motion and the evidence at rest."""
+        there, missed = self.channels.there.tolist(), self.channels.missed.tolist()
+        return tuple(self.latched), tuple(self.misfits), there, missed
+
+    def rests_calmly(self, nis: Array) -> bool:
+        """Whether more samples at rest, nis (n, m), leave the verdict of the motion as it is after each of them."""
+        p = self.final
+        sums = self.rest_nis + self._capped(nis).cumsum(axis=0)
+        samples = self.rest_samples + np.arange(1, len(nis) + 1)
+        return p is not None and not self._rest_misfits(sums[:, int(p.argmax())], samples).any()
 
     def verdict(self) -> Event:
         """The verdict on the move so far."""
@@ -263,7 +281,7 @@ class EventTracker:
         if (
             not sensors
             or self.rest_samples == 0
-            or self.rest_nis[j] < self.settings.rest_limit * self.dof * self.rest_samples
+            or not self._rest_misfits(self.rest_nis[j], self.rest_samples)
         ):
             return j, run, p
         best = min(sensors, key=lambda k: float(self.rest_nis[k]))
@@ -297,15 +315,18 @@ def _rows(e: Estimate, rows: slice | Mask) -> Estimate:
 
 
 class Isolator:
-    """Cuts the stream of estimates into moves and keeps a verdict for each; O(1) in the length of a move."""
+    """Cuts the stream of estimates into moves and keeps a verdict for each; O(1) in the length of a move.
 
-    def __init__(self, modes: tuple[str, ...], settings: DecisionSettings) -> None:
+    consistent: whether `result` will be asked for the consistency, which costs a fifth of a live sample.
+    """
+
+    def __init__(self, modes: tuple[str, ...], settings: DecisionSettings, consistent: bool = True) -> None:
         self.modes = modes
         self.settings = settings
         self.channels = Measured()
         self.current: EventTracker | None = None
         self.events: list[Event] = []
-        self.fit = Whiteness()
+        self.fit = Whiteness() if consistent else None
         self.was_active = self.stopped = False
         self.window = 0
 
@@ -314,7 +335,8 @@ class Isolator:
         if not self.window and e.t.size > 1:
             self.window = max(2, round(self.settings.window_s / usual_step(e.t)))
         e = tested(e, self.settings)
-        self.fit.add(e)
+        if self.fit is not None:
+            self.fit.add(e)
         starts = self._new_moves(e)
         edges = [0, *starts, e.t.size]
         for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
@@ -348,7 +370,7 @@ class Isolator:
     def result(self) -> Isolation:
         """Verdicts on all moves so far. The log's verdict is its first fault, or its last move where there is none."""
         events = [*self.events, *([self.current.verdict()] if self.current is not None else [])]
-        return Isolation(log_verdict(events), tuple(events), self.fit.result())
+        return Isolation(log_verdict(events), tuple(events), (self.fit or Whiteness()).result())
 
 
 def log_verdict(events: list[Event]) -> Event:

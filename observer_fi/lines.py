@@ -15,6 +15,8 @@ from observer_fi.columns import ColumnMap
 from observer_fi.csv_format import header_fields
 from observer_fi.errors import InvalidLogError
 from observer_fi.live import Row
+from observer_fi.plain_lines import numbers
+from observer_fi.records import Array
 from observer_fi.tables import NO_VALUE, positions
 
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
@@ -33,18 +35,25 @@ class Splitter:
     def __init__(self) -> None:
         self.rest = b""
 
-    def lines(self, data: bytes) -> list[str]:
-        """The lines that `data` completes."""
-        *whole, self.rest = (self.rest + data).split(b"\n")
+    def block(self, data: bytes) -> bytes:
+        """The lines that `data` completes, each with its end."""
+        data = self.rest + data
+        end = data.rfind(b"\n") + 1
+        block, self.rest = data[:end], data[end:]
         if len(self.rest) > LONGEST_LINE:
-            whole.append(self.rest[:80])
+            block += self.rest[:80] + b"\n"
             self.rest = b""
-        return [line.decode("utf-8", "replace") for line in whole]
+        return block
 
-    def last(self) -> list[str]:
-        """What stands behind the last end of line, now that no more will come."""
+    def last(self) -> bytes:
+        """What stands behind the last end of line, as a line, now that no more will come."""
         rest, self.rest = self.rest, b""
-        return [rest.decode("utf-8", "replace")] if rest else []
+        return rest + b"\n" if rest else b""
+
+
+def lines_of(block: bytes) -> list[str]:
+    """The lines of a block."""
+    return [line.decode("utf-8", "replace") for line in block.split(b"\n")[:-1]]
 
 
 class Parser:
@@ -54,6 +63,7 @@ class Parser:
         self.source, self.map = source, column_map
         self.limits = tuple(column_map.limit(column) for column in COLUMNS)
         self.missing = {*NO_VALUE, *column_map.missing}
+        self.coded = any(_is_number(text) for text in column_map.missing)  # a number that stands for no value
         self.begin()
 
     def begin(self) -> None:
@@ -62,10 +72,32 @@ class Parser:
         self.number = 0
         self.headers: list[str] = []
         self.separator = ","
-        self.comma = bool(self.map.decimal_comma)
         self.at: tuple[int, ...] = ()
         self.factors: tuple[float, ...] = ()
         self.restarted = False
+
+    def table(self, block: bytes) -> Array | None:
+        """The samples (n, 6) of many lines, if `row` would take each for plain numbers. It does not count the lines."""
+        if self.format != "csv" or self.coded or self.number + 1 < (self.map.data_line or 0):
+            return None
+        used = [c for c, k in enumerate(self.at) if k >= 0]
+        found = self._numbers(block, tuple(self.at[c] for c in used))
+        if found is None:
+            return None
+        table = np.full((len(found), len(COLUMNS)), NAN)
+        with np.errstate(over="ignore"):
+            table[:, used] = found * np.array(self.factors)[used]
+        if self.at[4] < 0:
+            table[:, 4] = 0.0
+        table[~(np.abs(table) <= np.array(self.limits))] = NAN
+        return table
+
+    def _numbers(self, block: bytes, at: tuple[int, ...]) -> Array | None:
+        """The fields at those positions: all with decimal points, or all with decimal commas."""
+        found = numbers(block, self.separator, ".", len(self.headers), at)
+        if found is None and self.separator != ",":
+            return numbers(block, self.separator, ",", len(self.headers), at)
+        return found
 
     def row(self, line: str) -> Row | None:
         """The sample of a line, None where it holds none (header, comment, blank line).
@@ -88,7 +120,12 @@ class Parser:
 
     def _header(self, line: str) -> None:
         self.separator = self.map.separator or max(",;\t|", key=line.count)
-        self.headers = header_fields(line, self.separator)
+        try:
+            self.headers = header_fields(line, self.separator)
+        except csv.Error as error:
+            raise InvalidLogError(
+                f"{self.source}: line {self.number} is no header ({error}); send one line of column names first"
+            ) from error
         if all(_is_number(text.replace(",", ".")) for text in self.headers):
             raise InvalidLogError(
                 f"{self.source}: line {self.number} holds numbers, not column names; send a header first, "
@@ -111,7 +148,7 @@ class Parser:
         if self.map.data_line is not None and self.number < self.map.data_line:
             return None
         fields = line.split(self.separator)
-        if len(fields) == len(self.headers) and "_" not in line:
+        if len(fields) == len(self.headers) and "_" not in line and not self.coded:
             try:
                 return self._sample([float(fields[k]) if k >= 0 else NAN for k in self.at])
             except ValueError:
@@ -123,7 +160,10 @@ class Parser:
         text = line.strip()
         if not text or text.startswith("#"):
             return None
-        fields = [field.strip() for field in next(csv.reader([text], delimiter=self.separator))]
+        try:
+            fields = [field.strip() for field in next(csv.reader([text], delimiter=self.separator))]
+        except csv.Error as error:
+            raise BrokenLineError(f"no fields ({error})") from error
         if fields == self.headers:
             self.restarted = True
             return None
@@ -218,6 +258,17 @@ class Clock:
         if self.astray is not None and row.t > self.last:
             self._drop_astray(say)
         yield from self._forward(row)
+
+    def passes(self, table: Array) -> bool:
+        """Take samples (n, 6) at once if they are in order as they stand: complete, later than the last, nothing waits."""
+        t = table[:, 0]
+        if self.waiting or self.astray is not None or not np.isfinite(table[:, (0, 4, 5)]).all():
+            return False
+        if t[0] <= self.last or (t[1:] <= t[:-1]).any():
+            return False
+        self.complete = Row(*table[-1].tolist())
+        self.last = self.complete.t
+        return True
 
     def finish(self, say: Callable[[str], None]) -> Iterator[Row]:
         """What still waits when no more will come: without a time of their own samples are dropped."""

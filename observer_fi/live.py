@@ -15,10 +15,10 @@ from observer_fi import beginning, feed, kernels
 from observer_fi.diagnose import make_bank
 from observer_fi.isolate import Isolator, channel_of, label_of, log_verdict, tested
 from observer_fi.models import Rig
-from observer_fi.records import LABELS, Array, Estimate, Event, Log
+from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.settings import BankSettings, Settings
 
-MOST = 256  # samples of a batch
+MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 
 
 class Row(NamedTuple):
@@ -61,49 +61,45 @@ class LiveBank(kernels.Bank):
             self.views.clear()
         return estimate
 
-    def step(self, rows: Sequence[Row]) -> Estimate:
-        """Estimate of at most MOST samples behind those of `advance`."""
-        n = len(rows)
-        if self.state is None or not self._regular(rows):
+    def step(self, rows: Array) -> Estimate:
+        """Estimate of at most MOST samples behind those of `advance`. rows: (n, 6) as in `Row`."""
+        if self.state is None or not self._placed(rows):
             return self.advance(log_of(rows))
-        for k, row in enumerate(rows):
-            self.t[k] = row[0]
-            self.z[k] = row[1:4]
-            self.pitch[k], self.w_cmd[k] = row[4], row[5]
-        (t, w_cmd, pitch, z, late, interval, active, *out), estimate = self._views(n)
+        (t, w_cmd, pitch, z, late, interval, active, *out), estimate = self._views(len(rows))
         self.commands.fill(t, w_cmd, late, interval)
         active[:] = kernels.under_way(interval, late)
         self.run(
             self.rows, self.tuning, self.state, self.scratch, t, interval, late, pitch, z, active, *out,
         )  # fmt: skip
-        self.samples.t, self.samples.w, self.samples.theta = rows[-1].t, rows[-1].w_cmd, rows[-1].pitch
+        self.samples.t, self.samples.w, self.samples.theta = t[-1], w_cmd[-1], pitch[-1]
         return estimate
 
-    def _regular(self, rows: Sequence[Row]) -> bool:
-        """Whether `LogStream` would take the rows as they are: no gap, nothing that can be no reading."""
-        before, longest, largest = self.samples.t, self.samples.longest * (1.0 + 1e-6), feed.LARGEST
-        for t, v, i, x, pitch, w_cmd in rows:
-            if not (t - before <= longest and -180.0 <= pitch <= 180.0 and -largest <= w_cmd <= largest):
-                return False
-            if abs(v) >= largest or abs(i) >= largest or abs(x) >= largest:
-                return False
-            before = t
-        return True
+    def _placed(self, rows: Array) -> bool:
+        """Put samples into the arrays; whether `LogStream` would take them as they are."""
+        before, longest = self.samples.t, self.samples.longest * (1.0 + 1e-6)
+        return bool(feed.place(rows, before, longest, self.t, self.z, self.pitch, self.w_cmd))
 
     def _views(self, n: int) -> tuple[tuple[Array, ...], Estimate]:
+        """The arrays for n samples, and the estimate made of them; kept until n is another."""
         if n not in self.views:
             arrays = (
                 self.t, self.w_cmd, self.pitch, self.z, self.late, self.interval, self.active, *self.out
             )  # fmt: skip
             cut = tuple(a[:n] for a in arrays)
             t, active, (mu, nis, y, seen, states, density, strain) = cut[0], cut[6], cut[7:]
-            self.views[n] = cut, Estimate(t, self.names, mu, nis, y, seen, states, active, density, strain)  # type: ignore[arg-type]
+            self.views = {
+                n: (cut, Estimate(t, self.names, mu, nis, y, seen, states, active, density, strain))  # type: ignore[arg-type]
+            }
         return self.views[n]
 
 
-def log_of(rows: Sequence[Row]) -> Log:
-    """Samples as a log."""
-    table = np.array(rows, dtype=np.float64).reshape(-1, len(Row._fields))
+def table_of(rows: Sequence[Row] | Array) -> Array:
+    """Samples as an array, (n, 6)."""
+    return np.asarray(rows, dtype=np.float64, order="C").reshape(-1, len(Row._fields))
+
+
+def log_of(table: Array) -> Log:
+    """Samples (n, 6) as a log."""
     t, z, pitch, w_cmd = table[:, 0].copy(), table[:, 1:4].copy(), table[:, 4].copy(), table[:, 5].copy()
     return Log("stream", t, z, w_cmd, pitch)
 
@@ -132,37 +128,37 @@ class Live:
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.settings = settings.decision
         self.labels = tuple((label_of(mode), channel_of(mode)) for mode in modes)
-        self.isolator = Isolator(modes, settings.decision)
-        self.held: list[Row] | None = []
+        self.isolator = Isolator(modes, settings.decision, consistent=False)
+        self.held: Array | None = table_of([])
         self.told: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
-        self.posterior: dict[str, float] = dict.fromkeys(LABELS, 0.0) | {"nominal": 1.0}
 
-    def add(self, rows: Sequence[Row]) -> Iterator[tuple[Estimate, list[Change]]]:
+    def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
         """The estimate of the samples, with tested probabilities, and the changes that they bring, batch by batch."""
+        table = table_of(rows)
         if self.held is not None:
-            self.held.extend(rows)
+            self.held = np.concatenate((self.held, table))
             if not self._ready(self.held):
                 return
-            rows, self.held = self.held, None
-            yield self._judged(self.bank.advance(log_of(rows)))
+            table, self.held = self.held, None
+            yield self._judged(self.bank.advance(log_of(table)))
             return
-        for first in range(0, len(rows), MOST):
-            batch = rows[first : first + MOST]
+        for first in range(0, len(table), MOST):
+            batch = table[first : first + MOST]
             yield self._judged(self.fast.step(batch) if self.fast else self.bank.advance(log_of(batch)))
 
     def finish(self) -> Iterator[tuple[Estimate, list[Change]]]:
         """What the samples say that were still held when the stream ended."""
-        rows, self.held = self.held, None
-        if rows:
-            yield self._judged(self.bank.advance(log_of(rows)))
+        table, self.held = self.held, None
+        if table is not None and table.size:
+            yield self._judged(self.bank.advance(log_of(table)))
 
     @staticmethod
-    def _ready(rows: Sequence[Row]) -> bool:
-        if len(rows) >= beginning.START_ROWS:
+    def _ready(table: Array) -> bool:
+        if len(table) >= beginning.START_ROWS:
             return True
-        seen = np.isfinite(np.array(rows)[:, 1:4]).sum(axis=0)
-        return len(rows) > feed.SETTLING and bool((seen >= beginning.START_READINGS).all())
+        seen = np.isfinite(table[:, 1:4]).sum(axis=0)
+        return len(table) > feed.SETTLING and bool((seen >= beginning.START_READINGS).all())
 
     def verdict(self) -> Event:
         """The verdict on the move under way, or on the last one."""
@@ -170,34 +166,76 @@ class Live:
         return log_verdict([]) if tracker is None else tracker.verdict()
 
     def _judged(self, e: Estimate) -> tuple[Estimate, list[Change]]:
-        seen = self.samples
         self.samples += e.t.size
         e = tested(e, self.settings)
-        if e.t.size > 2 and self._quiet(e):
-            return e, []
-        changes = []
-        for k in range(e.t.size):
-            self._track(self.isolator, row_of(e, k) if e.t.size > 1 else e)
-            change = self._change(float(e.t[k]), bool(e.active[k]))
-            if change is not None:
-                changes.append(change._replace(samples=seen + k + 1))
-        return e, changes
+        return e, list(self._changes(e) if e.t.size > 1 else self._sample(e, 0))
+
+    def _changes(self, e: Estimate) -> Iterator[Change]:
+        """Sample by sample where a move begins or ends, the stretches between them at once."""
+        flips = np.flatnonzero(e.active != np.append(self.isolator.was_active, e.active[:-1]))
+        first = 0
+        for k in flips.tolist():
+            yield from self._stretch(e, first, k)
+            yield from self._sample(e, k)
+            first = k + 1
+        yield from self._stretch(e, first, e.t.size)
+
+    def _stretch(self, e: Estimate, first: int, last: int) -> Iterator[Change]:
+        """At once where no sample can change the verdict, else each half for itself."""
+        if last - first > 2:
+            if not self._quiet(rows_of(e, first, last)):
+                middle = (first + last) // 2
+                yield from self._stretch(e, first, middle)
+                yield from self._stretch(e, middle, last)
+            return
+        for k in range(first, last):
+            yield from self._sample(e, k)
+
+    def _sample(self, e: Estimate, k: int) -> Iterator[Change]:
+        """The verdict where it is certain, or its move has ended, and is another than the one last told."""
+        self._track(self.isolator, rows_of(e, k, k + 1))
+        tracker = self.isolator.current
+        if tracker is None:
+            return
+        event = tracker.verdict()
+        if self._told(event) or (e.active[k] and event.probability < self.settings.isolated):
+            return
+        self.told = event.label, event.channel
+        yield Change(float(e.t[k]), event, self.moves, self.samples - e.t.size + k + 1)
+
+    def _told(self, event: Event) -> bool:
+        return (event.label, event.channel) == self.told
 
     def _quiet(self, e: Estimate) -> bool:
-        """Take a batch at once if no sample of it can change the verdict; else leave everything as it was."""
-        if not (e.active == self.isolator.was_active).all():
-            return False
-        sure = np.flatnonzero((e.probability > self.settings.isolated).any(axis=0))
-        if e.active[0] and any(self.labels[j] != self.told for j in sure):
-            return False
+        """Take samples at once if none of them can change the verdict; else leave everything as it was.
+
+        The samples go on as the one before them: all in motion, or all at rest.
+        """
+        before = self.isolator.current
+        winner = e.probability.argmax(axis=1)
+        if before is not None:
+            calm = (winner == winner[0]).all() if e.active[0] else before.rests_calmly(e.nis)
+            if not calm:
+                return False
         trial = copy.deepcopy(self.isolator, {id(self.settings): self.settings})
-        before = self.told
         self._track(trial, e)
-        self.isolator, trial = trial, self.isolator
-        if self._change(float(e.t[-1]), bool(e.active[-1])) is None:
+        now = trial.current
+        if before is None or now is None:
+            quiet = before is now
+        else:
+            quiet = now.grounds() == before.grounds() and self._silent(now.verdict(), e, int(winner[0]))
+        if quiet:
+            self.isolator = trial
+        return quiet
+
+    def _silent(self, event: Event, e: Estimate, winner: int) -> bool:
+        """Whether no sample tells the verdict of the last one, where all of them have the same."""
+        if self._told(event):
             return True
-        self.isolator, self.told = trial, before
-        return False
+        if not e.active[0] or event.probability >= self.settings.isolated:
+            return False
+        its = [j for j, (label, _) in enumerate(self.labels) if label == event.label or j == winner]
+        return bool((e.probability[:, its].sum(axis=1) < self.settings.isolated).all())
 
     def _track(self, isolator: Isolator, e: Estimate) -> None:
         move = isolator.current
@@ -208,22 +246,12 @@ class Live:
             self.faulty += event.label != "nominal"
         isolator.events.clear()
 
-    def _change(self, now: float, active: bool) -> Change | None:
-        """The verdict where it is certain, or its move has ended, and is another than the one last told."""
-        tracker = self.isolator.current
-        if tracker is None:
-            return None
-        event = tracker.verdict()
-        which = (event.label, event.channel)
-        if which == self.told or (active and event.probability < self.settings.isolated):
-            return None
-        self.told = which
-        return Change(now, event, self.moves, self.samples)
 
-
-def row_of(e: Estimate, k: int) -> Estimate:
-    """One sample of an estimate."""
-    return replace(e, **{name: getattr(e, name)[k : k + 1] for name in _ROWS})
+def rows_of(e: Estimate, first: int, last: int) -> Estimate:
+    """Samples first:last of an estimate."""
+    if last - first == e.t.size:
+        return e
+    return replace(e, **{name: getattr(e, name)[first:last] for name in _ROWS})
 
 
 _ROWS = ("t", "probability", "nis", "predicted", "normalised", "states", "active", "density", "strain")

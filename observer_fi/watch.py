@@ -17,17 +17,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+
 from observer_fi.columns import PLAIN, ColumnMap
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.isolate import label_of
-from observer_fi.lines import BrokenLineError, Clock, Parser, Splitter
-from observer_fi.live import Change, Live, Row
+from observer_fi.lines import BrokenLineError, Clock, Parser, Splitter, lines_of
+from observer_fi.live import Change, Live, Row, table_of
 from observer_fi.models import Rig
+from observer_fi.plain_lines import numbers
 from observer_fi.records import LABELS, Array, Estimate, Event
 from observer_fi.settings import Settings
 
 SCHEMA = "observer-fi/watch/1"
 READ_BYTES = 1 << 16
+FEW_BYTES = 1 << 12  # of lines: fewer are parsed sooner one by one
 BUSY_S, IDLE_S = 5e-4, 0.02  # how often a file is looked at while it grows, and when it has not for a second
 
 
@@ -141,6 +145,8 @@ class Watch:
         self.options, self.name, self.out, self.complain = options, name, out, complain
         self.splitter, self.parser, self.clock = Splitter(), Parser(name, options.columns), Clock()
         self.live = self._new_live()
+        self.rows: list[Row] = []
+        self.tables: list[Array] = []  # samples before those of `rows`
         self.last_t = math.nan
         self.skipped = self.faulty = self.moves = self.samples = 0
 
@@ -150,38 +156,70 @@ class Watch:
 
     def take(self, data: bytes) -> None:
         """Bytes of the source."""
-        rows: list[Row] = []
-        for line in self.splitter.lines(data):
-            self._line(line, rows)
-        self._feed(rows)
+        self._block(self.splitter.block(data))
+        self._feed()
 
-    def _line(self, line: str, rows: list[Row]) -> None:
+    def _block(self, block: bytes) -> None:
+        """Lines: at once where all are plain samples in order, else each half for itself, and a few one by one."""
+        if len(block) < FEW_BYTES:
+            self._lines(block)
+        elif not self._at_once(block):
+            middle = block.find(b"\n", len(block) // 2) + 1
+            if middle == len(block):
+                self._lines(block)
+            else:
+                self._block(block[:middle])
+                self._block(block[middle:])
+
+    def _lines(self, block: bytes) -> None:
+        for line in lines_of(block):
+            self._line(line)
+
+    def _at_once(self, block: bytes) -> bool:
+        table = self.parser.table(block)
+        if table is None or not self.clock.passes(table):
+            return False
+        self.parser.number += block.count(b"\n")
+        self._hold(table)
+        return True
+
+    def _line(self, line: str) -> None:
         try:
             row = self.parser.row(line)
         except BrokenLineError as error:
             self._skip(str(error))
             return
         if self.parser.restarted:
-            self._feed(rows)
+            self._feed()
             self._new_clock("the header stands there again")
         if row is None:
             return
         for ready in self.clock.take(row, self._skip):
             if ready is None:
-                self._feed(rows)
+                self._feed()
                 self._restart_bank(f"the clock jumped back from {self.last_t:.9g} s")
             else:
-                rows.append(ready)
+                self.rows.append(ready)
 
     def _skip(self, what: str) -> None:
         self.skipped += 1
         self.complain(f"{self.name}: line {self.parser.number}: {what}; skipped")
 
-    def _feed(self, rows: list[Row]) -> None:
-        if rows:
-            self.last_t = rows[-1].t
-            self._tell(self.live.add(rows))
-            rows.clear()
+    def _hold(self, table: Array) -> None:
+        """Samples (n, 6) behind those that wait to be fed."""
+        self.tables += [table_of(self.rows), table] if self.rows else [table]
+        self.rows.clear()
+
+    def _feed(self) -> None:
+        """All that waits, in one piece: how it was parsed must not change a digit."""
+        table = table_of(self.rows)
+        if self.tables:
+            table = np.concatenate((*self.tables, table))
+        self.rows.clear()
+        self.tables.clear()
+        if len(table):
+            self.last_t = float(table[-1, 0])
+            self._tell(self.live.add(table))
 
     def _tell(self, judged: Iterator[tuple[Estimate, list[Change]]]) -> None:
         for e, changes in judged:
@@ -201,8 +239,7 @@ class Watch:
 
     def restart(self, reason: str) -> None:
         """The writer began anew: a header, another clock, another bank."""
-        rest = self.splitter.last()
-        if rest:
+        if self.splitter.last():
             self._skip("the line breaks off")
         self.parser.begin()
         self._new_clock(reason)
@@ -225,8 +262,9 @@ class Watch:
         self.faulty += self.live.faulty + (self.live.moves > 0 and self.live.verdict().label != "nominal")
 
     def _flush(self) -> None:
-        rows = list(self.clock.finish(self._skip))
-        self._feed(rows)
+        for row in self.clock.finish(self._skip):
+            self.rows.append(row)
+        self._feed()
 
     def heartbeat(self) -> None:
         """A line that says that nothing changed."""
@@ -234,10 +272,7 @@ class Watch:
 
     def finish(self, reason: str) -> bool:
         """The last verdict; whether any move had a fault."""
-        for line in self.splitter.last():
-            rows: list[Row] = []
-            self._line(line, rows)
-            self._feed(rows)
+        self._block(self.splitter.last())
         self._flush()
         self._tell(self.live.finish())
         self._state("end", reason)
@@ -310,7 +345,8 @@ def watch(source: Pipe | Growing, options: Options, out: TextIO, complain: Calla
 
 
 def warm_up(options: Options) -> None:
-    """Load the kernels, and leave nothing to the garbage collector, before the first line comes."""
+    """Load the kernels and the parser, and leave nothing to the garbage collector, before the first line comes."""
+    numbers(b"0\n", ",", ".", 1, (0,))
     live = Live(options.rig, options.settings, options.engine, options.filter_kind)
     for k in range(80):
         for _ in live.add([Row(k * 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)]):

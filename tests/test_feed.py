@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer_fi.feed import LARGEST, LONGEST_S, SETTLING, CommandStream, LogStream
+from observer_fi.feed import LARGEST, LONGEST_S, SETTLING, CommandStream, LogStream, place
 from observer_fi.models import load_rig, override
 from observer_fi.records import Log
 
@@ -189,3 +189,32 @@ def test_what_cannot_be_a_reading_is_none() -> None:
     assert own.all() and np.argwhere(np.isnan(filled.z)).tolist() == [[3, 1], [4, 2], [5, 0]]
     assert filled.pitch.tolist() == [0.0] + [5.0] * 19  # the latest known, 0 before there is one
     assert filled.w_cmd[6] == 0.0
+
+
+ODD = (np.nan, np.inf, -np.inf, 181.0, -180.0, LARGEST, 0.01)
+
+
+@pytest.mark.parametrize(
+    "column, odd", [(0, None), (0, 0.01), *((c, odd) for c in range(1, 6) for odd in ODD)]
+)
+def test_what_is_placed_is_what_a_log_stream_leaves_as_it_is(column: int, odd: float | None) -> None:
+    rows = np.random.default_rng(column).normal(size=(20, 6))
+    rows[:, 0] = 1.0 + np.arange(20) / 1600.0
+    if odd is not None:
+        rows[12, column] = rows[12, 0] + odd if column == 0 else odd
+    whole, later = LogStream(), slice(10, 20)
+    log = Log("rows", rows[:, 0], rows[:, 1:4], rows[:, 5], rows[:, 4])
+    whole.take(Log("start", *(a[:10] for a in (log.t, log.z, log.w_cmd, log.pitch))))
+    before, longest = whole.t, whole.longest
+    taken, own = whole.take(Log("rest", *(a[later] for a in (log.t, log.z, log.w_cmd, log.pitch))))
+    t, z, pitch, w = np.empty(10), np.empty((10, 3)), np.empty(10), np.empty(10)
+    fits = place(rows[later], before, longest, t, z, pitch, w)
+    given = (log.t[later], log.z[later], log.pitch[later], log.w_cmd[later])
+    left = own.all() and all(
+        np.array_equal(a, b, equal_nan=True)
+        for a, b in zip(given, (taken.t, taken.z, taken.pitch, taken.w_cmd), strict=True)
+    )
+    assert fits == left
+    if fits:
+        placed = zip((t, z, pitch, w), given, strict=True)
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in placed)
