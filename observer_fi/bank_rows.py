@@ -20,17 +20,19 @@ from observer_fi.settings import BankSettings
 class BankRows(NamedTuple):
     """m hypotheses of n places, `common` of them of states that several have, in rows of L (a multiple of MOST) numbers.
 
-    Rows without a hypothesis repeat the first. at (LAYOUT,) places of `transition.py`'s kinds, has (LAYOUT, L) who has them;
-    movers (k,) places that enter the mass's speed; holds (n, L) who has a state; lacks (m, common) 1 where a source has it
-    not; itself (m, L) 1 for hypothesis i in row i; parameters (VECTOR_SIZE, L); entry_mean, entry_var, diffusion (n, L); own
-    (n, L) constants that the first hypothesis does not have; failed (3, L) 1 for the channel a hypothesis does not believe;
-    failed_noise (1, L) its variance, else 0; sizes (1, L) number of states; rates (m, m) per second; noise (3,).
+    Rows without a hypothesis repeat the first. places (L, k) of the states of each, in its own order, -1 behind them; at
+    (LAYOUT,) places of `transition.py`'s kinds, has (LAYOUT, L) who has them; movers (k,) places that enter the mass's speed;
+    holds (n, L) who has a state; lacks (L, common) 1 where a source has it not; itself (m, L) 1 for hypothesis i in row i;
+    parameters (VECTOR_SIZE, L); entry_mean, entry_var, diffusion (n, L); own (n, L) constants that the first hypothesis does
+    not have, strained whether there are any; failed (3, L) 1 for the channel a hypothesis does not believe, failing whether
+    there is one, failed_noise (1, L) its variance, else 0; sizes (1, L) number of states; rates (m, m) per second; noise (3,).
     """
 
     m: int
     n: int
     common: int
     wide: Wide
+    places: NDArray[np.int64]
     at: NDArray[np.int64]
     has: Array
     movers: NDArray[np.int64]
@@ -51,7 +53,7 @@ class BankRows(NamedTuple):
     noise: Array
 
 
-def places(hypotheses: tuple[Hypothesis, ...]) -> tuple[list[list[int]], int]:
+def find_places(hypotheses: tuple[Hypothesis, ...]) -> tuple[list[list[int]], int]:
     """Where each hypothesis has its states, and how many places are common."""
     names = list(dict.fromkeys(s for h in hypotheses for s in h.states))
     common = [s for s in names if len(hypotheses) == 1 or sum(s in h.states for h in hypotheses) > 1]
@@ -70,8 +72,9 @@ def width(m: int) -> int:
 
 def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
     """A bank side by side (see BankRows)."""
-    m, (found, common) = len(hypotheses), places(hypotheses)
+    m, (found, common) = len(hypotheses), find_places(hypotheses)
     L, n = width(m), max(max(at) for at in found) + 1
+    where = np.full((L, max(len(to) for to in found)), -1)
     at, has = np.full(tr.LAYOUT, -1), np.zeros((tr.LAYOUT, L))
     holds, own, sizes, kinds_of = np.zeros((n, L)), np.zeros((n, L)), np.zeros((1, L)), b.layout
     mean, var, diffusion = np.ones((n, L)), np.zeros((n, L)), np.zeros((n, L))
@@ -79,6 +82,7 @@ def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
         j = row if row < m else 0
         to = np.array(found[j])
         k = np.arange(to.size)
+        where[row, k] = to
         holds[to, row], own[to, row], sizes[0, row] = 1.0, b.own[j, k], to.size
         mean[to, row], var[to, row], diffusion[to, row] = (
             b.entry_mean[j, k],
@@ -93,7 +97,7 @@ def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
     failed = np.array([[1.0 if b.failed[j] == c else 0.0 for j in rows] for c in range(3)])
     moving = [at[kind] for kind in (tr.AT_E, tr.AT_RATE) if at[kind] >= 0]
     return lined_up(BankRows(
-        m, n, common, (0,) * L, at, has, np.unique(np.array(moving, dtype=np.int64)), holds,
+        m, n, common, (0,) * L, where, at, has, np.unique(np.array(moving, dtype=np.int64)), holds,
         1.0 - holds[:common].T.copy(), np.array([(rows == i).astype(float) for i in range(m)]),
         b.parameters[rows].T.copy(), mean, var, diffusion, own, bool(own.any()), failed, bool(failed.any()),
         (b.noise @ failed)[None], sizes, b.rates, b.noise,

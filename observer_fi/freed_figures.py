@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer_fi.chart import INK, Figure, Panel, padded
-from observer_fi.latent import DRAWN, Curve, Latent
+from observer_fi.latent import DRAWN, BinnedDisturbance, Latent
 from observer_fi.learning_figures import AFTER, BEFORE, LEFT, REGRESSORS, RIGHT, WIDTH
 from observer_fi.records import Array
 
@@ -70,7 +70,9 @@ def _over_time(panel: Panel, latent: Latent, factor: float, label: str) -> None:
     panel.end_labels(((panel.y[1], "smoothed", INK), (0.5 * panel.y[1], "95 % band", AFTER)))
 
 
-def _over(figure: Figure, curve: Curve, name: str, left: float, top: float, factor: float) -> None:
+def _over(
+    figure: Figure, curve: BinnedDisturbance, name: str, left: float, top: float, factor: float
+) -> None:
     label, scale = REGRESSORS[name]
     directed = bool(np.isfinite(curve.backward).any())
     ways = ((curve.forward, AFTER), (curve.backward, BEFORE)) if directed else ((curve.forward, INK),)

@@ -87,9 +87,9 @@ def _finish(
             state.z[c] = z[k, c]
     best = 0
     for j in range(b.m):
-        out_mu[k, j], out_nis[k, j] = scr.mu[0, j], scr.nis[0, j]
+        out_mu[k, j], out_nis[k, j] = state.mu[0, j], scr.nis[0, j]
         out_density[k, j], out_strain[k, j] = scr.density[0, j], scr.strain[0, j]
-        if scr.mu[0, j] > scr.mu[0, best]:
+        if state.mu[0, j] > state.mu[0, best]:
             best = j
         for c in range(3):
             out_y[k, j, c] = scr.y[c, j]
@@ -108,17 +108,7 @@ def _judge(b, state, scr, r, lost, mixing):
         _start_anew(b, r, state, gone)
         r.density[0] = above(gone + lost, 0.0, tr.LOST, r.density[0])
     if mixing:
-        posterior(b, scr, r)
-
-
-@inlined
-def _remembered(b, state, scr):
-    """Probabilities from their logs."""
-    total = 0.0
-    for j in range(b.m):
-        total += math.exp(state.log_mu[j])
-    for row in range(len(b.wide)):
-        scr.mu[0, row] = math.exp(state.log_mu[row]) / total
+        posterior(b, state, scr, r)
 
 
 @uncounted
@@ -134,7 +124,6 @@ def run(
     out_density (n, m) log-densities, out_strain (n, m) see `_strain`.
     """
     r, before = rows_of(b, state, scr), state.t[0]
-    _remembered(b, state, scr)
     for k in range(t.size):
         dt = min(t[k] - before, tune.longest) if before == before else before
         first, before = before != before, t[k]
@@ -167,8 +156,6 @@ def run(
             out_density,
             out_strain,
         )
-    for row in range(len(b.wide)):
-        state.log_mu[row] = math.log(scr.mu[0, row])
     state.t[0] = before
 
 
@@ -179,7 +166,6 @@ def run_unscented(
 ):  # fmt: skip
     """As `run`, with unscented filters. A loop of its own, so that only the filter in use is compiled."""
     r, u, before = rows_of(b, state, scr), unscented.work_rows(b, scr.unscented), state.t[0]
-    _remembered(b, state, scr)
     for k in range(t.size):
         dt = min(t[k] - before, tune.longest) if before == before else before
         first, before = before != before, t[k]
@@ -210,8 +196,6 @@ def run_unscented(
             out_density,
             out_strain,
         )
-    for row in range(len(b.wide)):
-        state.log_mu[row] = math.log(scr.mu[0, row])
     state.t[0] = before
 
 
@@ -258,7 +242,7 @@ class Bank:
         self.recent = Recent(log.t, interval, w_cmd, log.pitch, log.z).after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
-                self.snapshots.append((float(log.t[first]), memory_of(self.hypotheses, self.state, 0)))
+                self.snapshots.append((float(log.t[first]), memory_of(self.rows, self.state, 0)))
             b = slice(first, first + BLOCK)
             self.run(
                 self.rows, self.tuning, self.state, self.scratch, log.t[b], interval[b], w_cmd[b], log.pitch[b], log.z[b],
@@ -270,13 +254,13 @@ class Bank:
 
     def start(self, z0: Array, command0: float) -> BankState:
         """The memory before the first sample (see `beginning.start`)."""
-        return remembered(self.hypotheses, self.rows, start(self.hypotheses, self.arrays, z0, command0))
+        return remembered(self.rows, start(self.hypotheses, self.arrays, z0, command0))
 
     def moments(self) -> list[tuple[Array, Array]]:
         """Mean (n,) and covariance (n, n) of each hypothesis after the last sample, SI units; none before the first."""
         if self.state is None:
             return []
-        memories = [memory_of(self.hypotheses, self.state, j) for j in range(self.rows.m)]
+        memories = [memory_of(self.rows, self.state, j) for j in range(self.rows.m)]
         return [(memory.x, memory.P) for memory in memories]
 
     def memory(self) -> "Bank":

@@ -42,7 +42,7 @@ _FEWEST = 5  # samples in a bin that is told
 
 
 @dataclass(frozen=True)
-class Curve:
+class BinnedDisturbance:
     """Mean of a disturbance over K bins of a regressor, NaN where few samples are. at: centres (K,); forward, backward: by the
     direction of motion, forward for both where what passes is seen once; band: half of the 95 % band, mean of the bin. share:
     of the disturbance's variance that the curves of the other moves predict.
@@ -64,7 +64,7 @@ class Latent:
     t: Array
     mean: Array
     band: Array
-    curves: dict[str, Curve]
+    curves: dict[str, BinnedDisturbance]
 
     @property
     def goes_with(self) -> tuple[str, ...]:
@@ -121,7 +121,9 @@ def _latent(
     )  # fmt: skip
 
 
-def curve_of(name: str, values: Array, w: Array, owner: NDArray[np.int64], mean: Array, band: Array) -> Curve:
+def curve_of(
+    name: str, values: Array, w: Array, owner: NDArray[np.int64], mean: Array, band: Array
+) -> BinnedDisturbance:
     """A disturbance over one regressor while the motor turns; an angle is folded to one turn. owner (N,): the move."""
     values = np.mod(values, 2.0 * math.pi) if name.endswith("_angle") else values
     turning = w != 0.0
@@ -135,7 +137,7 @@ def curve_of(name: str, values: Array, w: Array, owner: NDArray[np.int64], mean:
         np.bincount(k, minlength=centres.size), 1
     )
     shown = np.where(count >= _FEWEST, means, np.nan).reshape(2, -1)
-    return Curve(centres, shown[0], shown[1], bands, _predicted(y, cell, owner[turning], centres))
+    return BinnedDisturbance(centres, shown[0], shown[1], bands, _predicted(y, cell, owner[turning], centres))
 
 
 def _predicted(y: Array, cell: NDArray[np.int64], owner: NDArray[np.int64], centres: Array) -> float:

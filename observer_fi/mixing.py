@@ -92,7 +92,7 @@ def mix(b, tune, scr, r, state, dt, stopped):
     r: rows of memory, scratch and bank; r.reached gets the predicted mode probabilities. stopped: a move begins.
     """
     _chain(b, tune, scr, dt, stopped)
-    own, others = _weigh(b, r, scr.mu)
+    own, others = _weigh(b, r, state.mu)
     _mix_common(b, r, state.x, state.P)
     _mix_own(b, r, r.x, r.P, own, others)
     if b.failing:
@@ -103,7 +103,7 @@ def mix(b, tune, scr, r, state, dt, stopped):
 
 
 @inlined
-def posterior(b, scr, r):
+def posterior(b, state, scr, r):
     """Mode probabilities from the predicted ones and the densities, into r.mu.
 
     Densities are taken relative to the largest, in logs: of two hypotheses that both explain nothing, -742 still beats
@@ -116,5 +116,5 @@ def posterior(b, scr, r):
     r.mu[0] = share
     total = 0.0
     for j in range(b.m):
-        total += scr.mu[0, j]
+        total += state.mu[0, j]
     r.mu[0] = larger(share * (1.0 / total), UNREACHED)

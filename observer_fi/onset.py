@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi import kernels
-from observer_fi.bank_rows import bank_rows, places, tuning
+from observer_fi.bank_rows import bank_rows, tuning
 from observer_fi.hypotheses import Hypothesis, arrays
 from observer_fi.kernels import Bank, Recent
 from observer_fi.memory import BankState, Memory, memory_of, put, remembered
@@ -34,9 +34,9 @@ class _Filters:
     """Up to MOST filters of one hypothesis side by side, over windows of at most n samples: they give each other nothing."""
 
     def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, count: int, n: int) -> None:
-        self.hypotheses = (hypothesis,) * count
-        b = arrays(self.hypotheses, rig, settings)
-        self.rows = bank_rows(self.hypotheses, b)
+        hypotheses = (hypothesis,) * count
+        b = arrays(hypotheses, rig, settings)
+        self.rows = bank_rows(hypotheses, b)
         self.tuning, self.scratch = tuning(settings), scratch(self.rows)
         self.still = np.zeros(n, dtype=np.bool_)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
@@ -45,7 +45,7 @@ class _Filters:
 
     def begin(self, memories: list[Memory]) -> BankState:
         """The memory of as many filters."""
-        return remembered(self.hypotheses, self.rows, memories)
+        return remembered(self.rows, memories)
 
     def density(self, state: BankState, w: Recent, first: int, last: int) -> Array:
         """Log-densities of samples first:last, (last - first, count), from `state` on, which is overwritten."""
@@ -101,7 +101,7 @@ class _Scores:
 
     def _advance(self, state: BankState, first: int, last: int) -> None:
         gained = float(self.own.density(state, self.window, first, last).sum())
-        self.memories.append(memory_of(self.own.hypotheses, state, 0))
+        self.memories.append(memory_of(self.own.rows, state, 0))
         self.until.append(self.until[-1] + gained)
 
     def _before(self, k: int) -> tuple[Memory, float]:
@@ -110,7 +110,7 @@ class _Scores:
         if extra:
             state = self.own.begin([memory])
             past += float(self.own.density(state, self.window, k - extra, k).sum())
-            memory = memory_of(self.own.hypotheses, state, 0)
+            memory = memory_of(self.own.rows, state, 0)
         return memory, past
 
     def at(self, samples: list[int]) -> dict[int, float]:
@@ -126,9 +126,8 @@ class _Scores:
         state = self.others.begin([entered[0]] * MOST)
         totals = np.array([past for _, past in before])
         ends = [*samples[1:], self.n]
-        order = np.array(places(self.others.hypotheses)[0][0])
         for row, (first, last) in enumerate(zip(samples, ends, strict=True)):
-            put(state, row, order, entered[row])
+            put(self.others.rows, state, row, entered[row])
             density = self.others.density(state, self.window, first, last)
             totals[: row + 1] += density[:, : row + 1].sum(axis=0)
         return dict(zip(samples, totals.tolist(), strict=True))
@@ -186,5 +185,5 @@ def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> On
         alone = _Filters(nominal, bank.rig, bank.settings, 1, first - begin)
         memory = alone.begin([state])
         alone.density(memory, recent, begin, first)
-        state = memory_of(alone.hypotheses, memory, 0)
+        state = memory_of(alone.rows, memory, 0)
     return find_onset(state, nominal, fault, recent.cut(first, end), bank.rig, bank.settings)

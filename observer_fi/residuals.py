@@ -17,7 +17,7 @@ PHASES = ("rest", "ramp", "saturated", "ringing", "steady", "stop")
 
 
 @dataclass(frozen=True)
-class Curve:
+class BinnedResiduals:
     """Mean of a normalised residual over bins of a regressor: centres, means (bins, 3), counts."""
 
     at: Array
@@ -37,7 +37,7 @@ class Residuals:
     t: Array
     z_minus_y: Array
     by_phase: dict[str, Array]
-    curves: dict[str, Curve]
+    curves: dict[str, BinnedResiduals]
     spectrum: tuple[Array, Array]
     orders: tuple[Array, Array]
 
@@ -87,7 +87,7 @@ def phases(experiment: Experiment, fitted: FitResult, states: Array) -> Array:
     return phase
 
 
-def _curve(values: Array, r: Array) -> Curve:
+def _curve(values: Array, r: Array) -> BinnedResiduals:
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
     k = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(edges.size - 2, 0))
     count = np.bincount(k, minlength=max(edges.size - 1, 1))
@@ -96,7 +96,7 @@ def _curve(values: Array, r: Array) -> Curve:
         / np.maximum(count, 1)[:, None]
     )
     centres = 0.5 * (edges[1:] + edges[:-1]) if edges.size > 1 else edges
-    return Curve(centres, mean, count.astype(float))
+    return BinnedResiduals(centres, mean, count.astype(float))
 
 
 def _spectrum(experiment: Experiment, r: Array, angle: Array | None) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ class Scratch(NamedTuple):
     in use, chain (m, m) that of a time step, mixed (1,) that step, which outlasts a call, square (3, m, m); p (VECTOR_SIZE, L)
     parameters with the factors in the states; g (2, n, L) slopes by constants; into (2, n, L) what constants do to w and x in a
     step; T (3, n, L) covariances of w, I, x after a step with the states before; w (n, L) gains; y, e, S (3, L) predictions,
-    innovations and their variances; mu, reached, density, product, strain, nis (1, L); unscented: see there.
+    innovations and their variances; reached, density, product, strain, nis (1, L); unscented: see there.
     """
 
     to_x: Array
@@ -38,7 +38,6 @@ class Scratch(NamedTuple):
     y: Array
     e: Array
     S: Array
-    mu: Array
     reached: Array
     density: Array
     product: Array
@@ -56,7 +55,7 @@ def scratch(b: BankRows) -> Scratch:
         to_x=np.zeros((n, L)), to_P=np.zeros((n, n, L)), off=np.zeros((c, L, L)), heavy=np.zeros((L, L)),
         weights=np.zeros((L, L)), M=np.zeros((m, L)), chain=np.eye(m), square=np.zeros((3, m, m)), p=b.parameters,
         g=np.zeros((2, n, L)), into=np.zeros((2, n, L)), T=np.zeros((3, n, L)), w=np.zeros((n, L)), y=np.zeros((3, L)),
-        e=np.zeros((3, L)), S=np.ones((3, L)), mu=one, reached=one, density=one, product=one, strain=one, nis=one,
+        e=np.zeros((3, L)), S=np.ones((3, L)), reached=one, density=one, product=one, strain=one, nis=one,
         mixed=np.full(1, -1.0), unscented=work_arrays(n, L),
     )  # fmt: skip
     return lined_up(made)
@@ -114,7 +113,7 @@ def rows_of(b, s, scr):
         side_by_side(scr.off, L), side_by_side(scr.heavy, L), side_by_side(scr.weights, L), side_by_side(scr.M, L),
         side_by_side(scr.p, L), side_by_side(scr.g, L), side_by_side(scr.into, L), side_by_side(scr.T, L),
         side_by_side(scr.w, L), side_by_side(scr.y, L), side_by_side(scr.e, L), side_by_side(scr.S, L),
-        side_by_side(scr.mu, L), side_by_side(scr.reached, L), side_by_side(scr.density, L), side_by_side(scr.product, L),
+        side_by_side(s.mu, L), side_by_side(scr.reached, L), side_by_side(scr.density, L), side_by_side(scr.product, L),
         side_by_side(scr.strain, L), side_by_side(scr.nis, L), side_by_side(b.has, L), side_by_side(b.holds, L),
         side_by_side(b.itself, L), side_by_side(b.parameters, L), side_by_side(b.entry_mean, L), side_by_side(b.entry_var, L),
         side_by_side(b.diffusion, L), side_by_side(b.own, L), side_by_side(b.failed, L), side_by_side(b.failed_noise, L),

@@ -162,7 +162,7 @@ def _stick(w, I, x, phi, h, sag, c, step, c0, c1, c2, l0, l1, l2, theta, p):
     return w, I, x, phi, c
 
 
-@uncounted
+@inlined
 def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
     """As `run`, of numbers or rows. pace: the parameters that say how many steps an interval has."""
     n = t.size

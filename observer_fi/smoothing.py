@@ -4,7 +4,7 @@ import numpy as np
 
 from observer_fi import extended
 from observer_fi import transition as tr
-from observer_fi.bank_rows import bank_rows, places, tuning
+from observer_fi.bank_rows import bank_rows, tuning
 from observer_fi.beginning import first_readings, start
 from observer_fi.compiled import inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
@@ -31,11 +31,11 @@ def smooth(log: Log, hypothesis: Hypothesis, rig: Rig, settings: BankSettings) -
     x, P = np.empty((n, k)), np.empty((n, k, k))
     ahead, P_ahead, cross = np.empty((n, k)), np.empty((n, k, k)), np.empty((n, k, k))
     _forward(
-        b, tuning(settings), remembered((hypothesis,), b, first), scratch(b), log.t, interval, w_cmd, log.pitch, log.z,
+        b, tuning(settings), remembered(b, first), scratch(b), log.t, interval, w_cmd, log.pitch, log.z,
         x, P, ahead, P_ahead, cross,
     )  # fmt: skip
     _backward(x, P, ahead, P_ahead, cross, np.empty((2, k, k)), np.empty(k))
-    order = np.array(places((hypothesis,))[0][0])
+    order = b.places[0]
     return x[own][:, order], P[own][:, order[:, None], order]
 
 

@@ -46,7 +46,7 @@ def alike(one: Outcome, two: Outcome) -> None:
     for a, b in zip(one.isolation.events, two.isolation.events, strict=True):
         assert [getattr(a, name) for name in names] == [getattr(b, name) for name in names]
         assert a.posterior == pytest.approx(b.posterior, rel=1e-9)
-    np.testing.assert_allclose(one.isolation.consistency, two.isolation.consistency, rtol=1e-7)
+    np.testing.assert_allclose(one.isolation.consistency, two.isolation.consistency, rtol=1e-9)
 
 
 # --- scenarios -----------------------------------------------------------------------------------

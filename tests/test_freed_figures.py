@@ -4,7 +4,7 @@ import numpy as np
 
 from observer_fi.chart import Figure
 from observer_fi.freed_figures import handy, latent_figure
-from observer_fi.latent import Curve, Latent
+from observer_fi.latent import BinnedDisturbance, Latent
 from observer_fi.perturbation import DISTURBANCES, TORQUE
 
 
@@ -12,8 +12,8 @@ def latent(n: int = 40000) -> Latent:
     t = np.arange(n) / 1600.0
     mean, at = np.sin(t), np.linspace(0.0, 1.0, 60)
     mean[n // 2] = np.nan
-    curve = Curve(at, np.sin(at), -np.sin(at), np.full(60, 0.1), 0.9)
-    once = Curve(at, at, np.full(60, np.nan), np.full(60, 0.1), 0.1)
+    curve = BinnedDisturbance(at, np.sin(at), -np.sin(at), np.full(60, 0.1), 0.9)
+    once = BinnedDisturbance(at, at, np.full(60, np.nan), np.full(60, 0.1), 0.1)
     return Latent(
         DISTURBANCES[TORQUE], 100.0, t, 1e-5 * mean, np.full(n, 1e-6), {"position": curve, "time": once}
     )

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from observer_fi import transition as tr
 from observer_fi.actuator import INDEX
-from observer_fi.bank_rows import bank_rows, places
+from observer_fi.bank_rows import bank_rows, find_places
 from observer_fi.hypotheses import SHARED, arrays, bank, transition_rates
 from observer_fi.models import load_rig
 from observer_fi.settings import BankSettings
@@ -56,7 +56,7 @@ def test_source_maps_follow_state_names() -> None:
 
 def test_states_that_several_hypotheses_have_stand_in_one_place() -> None:
     """Those of one alone share the places behind, and a place holds the prior of whoever has it."""
-    found, common = places(HYPOTHESES)
+    found, common = find_places(HYPOTHESES)
     at = [dict(zip(h.states, to, strict=True)) for h, to in zip(HYPOTHESES, found, strict=True)]
     for j, h in enumerate(HYPOTHESES):
         assert len(set(found[j])) == len(h.states)
