@@ -11,6 +11,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi import extended, unscented
 from observer_fi import transition as tr
@@ -27,15 +28,80 @@ from observer_fi.rows import above, larger, nothing, room, seldom, sqrt
 from observer_fi.scratch import rows_of, scratch
 from observer_fi.settings import BankSettings
 
+BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as much as fifty samples
+TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
+
+
+class Feed(NamedTuple):
+    """n samples as the loops take them.
+
+    t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the sample
+    [rad/s]; theta (n,) deg; z (n, 3) readings; active (n,) whether a sample counts as evidence.
+    """
+
+    t: Array
+    interval: Array
+    w_cmd: Array
+    theta: Array
+    z: Array
+    active: NDArray[np.bool_]
+
+    def cut(self, first: int, last: int) -> "Feed":
+        """Samples first:last."""
+        part = slice(first, last)
+        return Feed(
+            self.t[part], self.interval[part], self.w_cmd[part], self.theta[part], self.z[part], self.active[part]
+        )  # fmt: skip
+
+    def after(self, before: "Feed | None") -> "Feed":
+        """These samples behind the tail of the ones before."""
+        if before is None:
+            return self
+        tail = before.t >= before.t[-1] - TAIL_S
+        return Feed(
+            np.concatenate((before.t[tail], self.t)),
+            np.concatenate((before.interval[tail], self.interval)),
+            np.concatenate((before.w_cmd[tail], self.w_cmd)),
+            np.concatenate((before.theta[tail], self.theta)),
+            np.concatenate((before.z[tail], self.z)),
+            np.concatenate((before.active[tail], self.active)),
+        )
+
+
+class Written(NamedTuple):
+    """What the loops write of n samples: the arrays of Estimate that are no part of Feed, which see for shapes."""
+
+    probability: Array
+    nis: Array
+    predicted: Array
+    normalised: Array
+    states: Array
+    density: Array
+    strain: Array
+
+    def cut(self, first: int, last: int) -> "Written":
+        """Samples first:last."""
+        return Written(*(a[first:last] for a in self))
+
+
+def written(n: int, m: int) -> Written:
+    """Arrays for n samples of m hypotheses."""
+    mu, nis, density, strain, y, seen, states = in_one_piece(
+        (n, m), (n, m), (n, m), (n, m), (n, m, 3), (n, 3), (n, 4)
+    )
+    return Written(mu, nis, y, seen, states, density, strain)
+
 
 @inlined
-def _begin(b, tune, state, scr, r, dt, w_cmd, mixing):
-    """Mix the hypotheses where the sample counts as evidence, from r.x, r.P into r.to_x, r.to_P."""
-    if w_cmd == 0.0:
+def _begin(b, tune, state, scr, r, dt, feed, k, first):
+    """Mix the hypotheses where sample k counts as evidence, from r.x, r.P into r.to_x, r.to_P; whether it does."""
+    mixing = feed.active[k] and not first
+    if feed.w_cmd[k] == 0.0:
         state.stopped[0] = 1.0
     if mixing:
         mix(b, tune, scr, r, state, dt, state.stopped[0] == 1.0)
         state.stopped[0] = 0.0
+    return mixing
 
 
 @inlined
@@ -75,29 +141,27 @@ def _strain(b, r):
 
 
 @inlined
-def _finish(
-    b, state, scr, r, k, z, w_cmd, out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain
-):
+def _finish(b, state, scr, r, feed, out, k):
     """Everything that is written of sample k."""
     if b.strained:
         r.strain[0] = _strain(b, r)
     for c in range(3):
         r.predicted[c] = r.y[c]
-        if z[k, c] == z[k, c]:
-            state.z[c] = z[k, c]
+        if feed.z[k, c] == feed.z[k, c]:
+            state.z[c] = feed.z[k, c]
     best = 0
     for j in range(b.m):
-        out_mu[k, j], out_nis[k, j] = state.mu[0, j], scr.nis[0, j]
-        out_density[k, j], out_strain[k, j] = scr.density[0, j], scr.strain[0, j]
+        out.probability[k, j], out.nis[k, j] = state.mu[0, j], scr.nis[0, j]
+        out.density[k, j], out.strain[k, j] = scr.density[0, j], scr.strain[0, j]
         if state.mu[0, j] > state.mu[0, best]:
             best = j
         for c in range(3):
-            out_y[k, j, c] = scr.y[c, j]
+            out.predicted[k, j, c] = scr.y[c, j]
     for c in range(3):
         doubtful = b.failed[c, best] != 0.0
-        out_seen[k, c] = np.nan if doubtful else scr.e[c, best] / math.sqrt(scr.S[c, best])
-        out_states[k, c] = state.x[c, best]
-    out_states[k, 3] = w_cmd[k]
+        out.normalised[k, c] = np.nan if doubtful else scr.e[c, best] / math.sqrt(scr.S[c, best])
+        out.states[k, c] = state.x[c, best]
+    out.states[k, 3] = feed.w_cmd[k]
 
 
 @inlined
@@ -111,91 +175,61 @@ def _judge(b, state, scr, r, lost, mixing):
         posterior(b, state, scr, r)
 
 
-@uncounted
-def run(
-    b, tune, state, scr, t, interval, w_cmd, theta, z, active,
-    out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain,
-):  # fmt: skip
-    """Advance a bank of extended filters over n samples; every out array is filled and `state` updated in place.
+@inlined
+def _grow_biases(tune, r, dt):
+    r.bias[1] = r.bias[1] + tune.bias_diffusion * tune.bias_diffusion * r.failed_noise[0] * dt
 
-    t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the
-    sample [rad/s]; theta (n,) deg; z (n, 3); active (n,) whether a sample counts as evidence.
-    out_mu (n, m) probabilities, out_nis (n, m), out_y (n, m, 3), out_seen (n, 3) of the winner, out_states (n, 4),
-    out_density (n, m) log-densities, out_strain (n, m) see `_strain`.
+
+@inlined
+def _interval(feed, k, before, tune):
+    """Length of the interval that ends at sample k [s], NaN where none begins."""
+    return min(feed.t[k] - before, tune.longest) if before == before else before
+
+
+@uncounted
+def run(b, tune, state, scr, feed, out):
+    """Advance a bank of extended filters over n samples; every array of `out` is filled and `state` updated in place.
+
+    b BankRows, tune Tuning, state BankState, scr Scratch, feed Feed, out Written.
     """
     r, before = rows_of(b, state, scr), state.t[0]
-    for k in range(t.size):
-        dt = min(t[k] - before, tune.longest) if before == before else before
-        first, before = before != before, t[k]
-        mixing = active[k] and not first
-        _begin(b, tune, state, scr, r, dt, w_cmd[k], mixing)
+    for k in range(feed.t.size):
+        dt, first, before = _interval(feed, k, before, tune), before != before, feed.t[k]
+        mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
-            extended.predict(b, tune, r, from_x, from_P, dt, interval, k, w_cmd[k], theta[k])
-            r.bias[1] = r.bias[1] + tune.bias_diffusion * tune.bias_diffusion * r.failed_noise[0] * dt
+            extended.predict(b, tune, r, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k])
+            _grow_biases(tune, r, dt)
         lost = _lost(b, r)
         if seldom(lost):
             _start_anew(b, r, state, lost)
         if b.n > 3 and (first or seldom(lost)):
             tr.load_parameters(r.x, b.at, r.has, r.parameters, r.p)
-        extended.update(b, tune, r, z, k, state.z, w_cmd[k])
+        extended.update(b, tune, r, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
-        _finish(
-            b,
-            state,
-            scr,
-            r,
-            k,
-            z,
-            w_cmd,
-            out_mu,
-            out_nis,
-            out_y,
-            out_seen,
-            out_states,
-            out_density,
-            out_strain,
-        )
+        _finish(b, state, scr, r, feed, out, k)
     state.t[0] = before
 
 
 @uncounted
-def run_unscented(
-    b, tune, state, scr, t, interval, w_cmd, theta, z, active,
-    out_mu, out_nis, out_y, out_seen, out_states, out_density, out_strain,
-):  # fmt: skip
+def run_unscented(b, tune, state, scr, feed, out):
     """As `run`, with unscented filters. A loop of its own, so that only the filter in use is compiled."""
     r, u, before = rows_of(b, state, scr), unscented.work_rows(b, scr.unscented), state.t[0]
-    for k in range(t.size):
-        dt = min(t[k] - before, tune.longest) if before == before else before
-        first, before = before != before, t[k]
-        mixing = active[k] and not first
-        _begin(b, tune, state, scr, r, dt, w_cmd[k], mixing)
+    for k in range(feed.t.size):
+        dt, first, before = _interval(feed, k, before, tune), before != before, feed.t[k]
+        mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
-            unscented.predict(b, tune, r, u, from_x, from_P, dt, interval, k, w_cmd[k], theta[k])
-            r.bias[1] = r.bias[1] + tune.bias_diffusion * tune.bias_diffusion * r.failed_noise[0] * dt
+            unscented.predict(
+                b, tune, r, u, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k]
+            )
+            _grow_biases(tune, r, dt)
         lost = _lost(b, r)
         if seldom(lost):
             _start_anew(b, r, state, lost)
-        unscented.update(b, tune, r, u, z, k, state.z, w_cmd[k])
+        unscented.update(b, tune, r, u, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
-        _finish(
-            b,
-            state,
-            scr,
-            r,
-            k,
-            z,
-            w_cmd,
-            out_mu,
-            out_nis,
-            out_y,
-            out_seen,
-            out_states,
-            out_density,
-            out_strain,
-        )
+        _finish(b, state, scr, r, feed, out, k)
     state.t[0] = before
 
 
@@ -223,7 +257,7 @@ class Bank:
         self.run = run_unscented if filter_kind == "ukf" else run
         self.scratch = scratch(self.rows)
         self.state: BankState | None = None
-        self.recent: Recent | None = None
+        self.recent: Feed | None = None
         self.snapshots: deque[tuple[float, Memory]] = deque()
         self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
@@ -234,23 +268,22 @@ class Bank:
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         if self.state is None:
             self.state = self.start(first_readings(log.z), w_cmd[0])
-        n, m = log.t.size, len(self.hypotheses)
-        active = under_way(interval, w_cmd)
-        mu, nis, density, strain, y, seen, states = in_one_piece(
-            (n, m), (n, m), (n, m), (n, m), (n, m, 3), (n, 3), (n, 4)
-        )
-        self.recent = Recent(log.t, interval, w_cmd, log.pitch, log.z).after(self.recent)
+        now = Feed(log.t, interval, w_cmd, log.pitch, log.z, under_way(interval, w_cmd))
+        n, out = log.t.size, written(log.t.size, len(self.hypotheses))
+        self.recent = now.after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
                 self.snapshots.append((float(log.t[first]), memory_of(self.rows, self.state, 0)))
-            b = slice(first, first + BLOCK)
-            self.run(
-                self.rows, self.tuning, self.state, self.scratch, log.t[b], interval[b], w_cmd[b], log.pitch[b], log.z[b],
-                active[b], mu[b], nis[b], y[b], seen[b], states[b], density[b], strain[b],
-            )  # fmt: skip
+            self._run(now.cut(first, first + BLOCK), out.cut(first, first + BLOCK))
         self._forget()
+        return self._estimate(now, out).at(own)
+
+    def _run(self, feed: Feed, out: Written) -> None:
+        self.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
+
+    def _estimate(self, feed: Feed, out: Written) -> Estimate:
         names = tuple(h.name for h in self.hypotheses)
-        return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
+        return Estimate(feed.t, names, *out[:5], feed.active, *out[5:])
 
     def start(self, z0: Array, command0: float) -> BankState:
         """The memory before the first sample (see `beginning.start`)."""
@@ -281,31 +314,6 @@ def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
     sizes = [math.prod(shape) for shape in shapes]
     parts = np.split(room(sum(sizes)), np.cumsum(sizes)[:-1])
     return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
-
-
-BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as much as fifty samples
-TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
-
-
-class Recent(NamedTuple):
-    """The last samples in the arrays of `run`: t (n,), interval (n, 2 m), w_cmd (n,), theta (n,), z (n, 3)."""
-
-    t: Array
-    interval: Array
-    w_cmd: Array
-    theta: Array
-    z: Array
-
-    def after(self, before: "Recent | None") -> "Recent":
-        """These samples behind the tail of the ones before."""
-        if before is None:
-            return self
-        tail = before.t >= before.t[-1] - TAIL_S
-        return Recent(*(np.concatenate((old[tail], new)) for old, new in zip(before, self, strict=True)))
-
-    def cut(self, first: int, last: int) -> "Recent":
-        """Samples first:last."""
-        return Recent(*(a[first:last] for a in self))
 
 
 @compiled

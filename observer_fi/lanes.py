@@ -84,30 +84,37 @@ def posteriors(
     """
     if len(logs) != len(hypotheses):
         raise ValueError(f"a bank for each log is needed, got {len(logs)} logs and {len(hypotheses)} banks")
+    made: dict[int, BankArrays] = {}  # logs often share their hypotheses
+    for bank in hypotheses:
+        if id(bank) not in made:
+            made[id(bank)] = b = arrays(bank, rig, settings)
+            if (b.size > 3).any() or (b.failed >= 0).any():
+                raise ValueError("lanes take hypotheses with the states w, I, x that believe every channel")
     found: list[Posterior] = []
     for first in range(0, len(logs), LANES):
-        part = slice(first, first + LANES)
-        found += _group(logs[part], hypotheses[part], rig, settings)
+        banks = hypotheses[first : first + LANES]
+        found += _group(logs[first : first + LANES], banks, [made[id(bank)] for bank in banks], rig, settings)
     return found
 
 
 def _group(
-    logs: Sequence[Log], banks: Sequence[tuple[Hypothesis, ...]], rig: Rig, settings: BankSettings
+    logs: Sequence[Log],
+    banks: Sequence[tuple[Hypothesis, ...]],
+    made: list[BankArrays],
+    rig: Rig,
+    settings: BankSettings,
 ) -> list[Posterior]:
-    """At most LANES logs; lanes without one repeat the last."""
-    b = arrays(banks[0], rig, settings)
-    if (b.size > 3).any() or (b.failed >= 0).any():
-        raise ValueError("lanes take hypotheses with the states w, I, x that believe every channel")
+    """At most LANES logs; lanes without one repeat the last. made: the arrays of each bank."""
     feeds = [_fed(log, rig, settings) for log in logs]
     lane = [min(k, len(logs) - 1) for k in range(LANES)]
-    work = _lanes([(feeds[k], banks[k]) for k in lane], rig, settings)
+    work = _lanes([(feeds[k], banks[k], made[k]) for k in lane])
     n, m = max(f.log.t.size for f in feeds), len(banks[0])
     mu, nis, density = kernels.in_one_piece((n, m, LANES), (n, m, LANES), (n, m, LANES))
     feed, tune = _room(feeds[0].interval.shape[1]), tuning(settings)
     for first in range(0, n, kernels.BLOCK):
         part = slice(first, min(first + kernels.BLOCK, n))
         _fill(feed, [feeds[k] for k in lane], part)
-        run(b, tune, feed, work, mu[part], nis[part], density[part])
+        run(made[0], tune, feed, work, mu[part], nis[part], density[part])
     return [
         Posterior(f.log.t[f.own], *(a[: f.log.t.size, :, k][f.own] for a in (mu, nis, density)))
         for k, f in enumerate(feeds)
@@ -152,13 +159,9 @@ def _fill(feed: Feed, feeds: list[Fed], part: slice) -> None:
             room[here.shape[0] :, ..., k] = end
 
 
-def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...]]], rig: Rig, settings: BankSettings) -> Lanes:
+def _lanes(lanes: list[tuple[Fed, tuple[Hypothesis, ...], BankArrays]]) -> Lanes:
     starts, p = [], []
-    made: dict[int, BankArrays] = {}  # logs often share their hypotheses
-    for f, bank in lanes:
-        if id(bank) not in made:
-            made[id(bank)] = arrays(bank, rig, settings)
-        b = made[id(bank)]
+    for f, bank, b in lanes:
         starts.append(start(bank, b, first_readings(f.log.z), f.w_cmd[0]))
         p.append(b.parameters)
     m = len(lanes[0][1])

@@ -37,27 +37,24 @@ class LiveBank(kernels.Bank):
 
     def __init__(self, rig: Rig, settings: BankSettings, filter_kind: str = "ekf") -> None:
         super().__init__(rig, settings, filter_kind=filter_kind)
-        m = len(self.hypotheses)
-        self.names = tuple(h.name for h in self.hypotheses)
-        self.t, self.w_cmd, self.pitch, self.z = (
-            np.empty(MOST),
-            np.empty(MOST),
-            np.empty(MOST),
-            np.empty((MOST, 3)),
-        )
-        self.late, self.active = np.empty(MOST), np.empty(MOST, dtype=np.bool_)
-        self.interval = np.empty((MOST, 2))
-        shapes = ((m,), (m,), (m, 3), (3,), (4,), (m,), (m,))
-        self.out = tuple(np.empty((MOST, *shape)) for shape in shapes)
-        self.views: dict[int, tuple[tuple[Array, ...], Estimate]] = {}
+        self.w_cmd = np.empty(MOST)
+        self.feed = self._room(1)
+        self.out = kernels.written(MOST, len(self.hypotheses))
+        self.views: dict[int, tuple[Array, kernels.Feed, kernels.Written, Estimate]] = {}
+
+    def _room(self, substeps: int) -> kernels.Feed:
+        one = np.empty(MOST)
+        return kernels.Feed(
+            one, np.empty((MOST, 2 * substeps)), one.copy(), one.copy(), np.empty((MOST, 3)), np.empty(MOST, dtype=np.bool_)
+        )  # fmt: skip
 
     def advance(self, log: Log) -> Estimate:
         """As the bank of a log, without the samples that it keeps for onsets."""
         estimate = super().advance(log)
         self.recent = None
         self.snapshots.clear()
-        if self.interval.shape[1] != 2 * self.commands.substeps:
-            self.interval = np.empty((MOST, 2 * self.commands.substeps))
+        if self.feed.interval.shape[1] != 2 * self.commands.substeps:
+            self.feed = self._room(self.commands.substeps)
             self.views.clear()
         return estimate
 
@@ -65,31 +62,23 @@ class LiveBank(kernels.Bank):
         """Estimate of at most MOST samples behind those of `advance`. rows: (n, 6) as in `Row`."""
         if self.state is None or not self._placed(rows):
             return self.advance(log_of(rows))
-        (t, w_cmd, pitch, z, late, interval, active, *out), estimate = self._views(len(rows))
-        self.commands.fill(t, w_cmd, late, interval)
-        active[:] = kernels.under_way(interval, late)
-        self.run(
-            self.rows, self.tuning, self.state, self.scratch, t, interval, late, pitch, z, active, *out,
-        )  # fmt: skip
-        self.samples.t, self.samples.w, self.samples.theta = t[-1], w_cmd[-1], pitch[-1]
+        w_cmd, now, out, estimate = self._views(len(rows))
+        self.commands.fill(now.t, w_cmd, now.w_cmd, now.interval)
+        now.active[:] = kernels.under_way(now.interval, now.w_cmd)
+        self._run(now, out)
+        self.samples.t, self.samples.w, self.samples.theta = now.t[-1], w_cmd[-1], now.theta[-1]
         return estimate
 
     def _placed(self, rows: Array) -> bool:
         """Put samples into the arrays; whether `LogStream` would take them as they are."""
         before, longest = self.samples.t, self.samples.longest * (1.0 + 1e-6)
-        return bool(feed.place(rows, before, longest, self.t, self.z, self.pitch, self.w_cmd))
+        return bool(feed.place(rows, before, longest, self.feed.t, self.feed.z, self.feed.theta, self.w_cmd))
 
-    def _views(self, n: int) -> tuple[tuple[Array, ...], Estimate]:
+    def _views(self, n: int) -> tuple[Array, kernels.Feed, kernels.Written, Estimate]:
         """The arrays for n samples, and the estimate made of them; kept until n is another."""
         if n not in self.views:
-            arrays = (
-                self.t, self.w_cmd, self.pitch, self.z, self.late, self.interval, self.active, *self.out
-            )  # fmt: skip
-            cut = tuple(a[:n] for a in arrays)
-            t, active, (mu, nis, y, seen, states, density, strain) = cut[0], cut[6], cut[7:]
-            self.views = {
-                n: (cut, Estimate(t, self.names, mu, nis, y, seen, states, active, density, strain))  # type: ignore[arg-type]
-            }
+            now, out = self.feed.cut(0, n), self.out.cut(0, n)
+            self.views = {n: (self.w_cmd[:n], now, out, self._estimate(now, out))}
         return self.views[n]
 
 

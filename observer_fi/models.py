@@ -24,6 +24,13 @@ _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
 _FORMS = ("stribeck_speed", "shaft_order", "screw_lead", "heating_time", "sag_time", "position_period")
 _SHAPES = (*_SWITCHES, *_FORMS)  # change nothing on their own
 
+# Of every effect: its parameter, where that stands, and the value that leaves the equations as they are.
+_NEUTRAL = tuple(
+    (name, at, PARAMETERS[name][1])
+    for at, name in enumerate(NAMES)
+    if PARAMETERS[name][1] is not None and name not in _SHAPES and not is_curve(name)
+)
+
 
 @dataclass(frozen=True)
 class Model:
@@ -46,14 +53,7 @@ class Model:
     @property
     def effects(self) -> tuple[str, ...]:
         """Parameters of effects that are away from their neutral value."""
-        return tuple(
-            name
-            for name, value in zip(NAMES, self.values, strict=True)
-            if PARAMETERS[name][1] is not None
-            and name not in _SHAPES
-            and not is_curve(name)
-            and value != PARAMETERS[name][1]
-        )
+        return tuple(name for name, at, neutral in _NEUTRAL if self.values[at] != neutral)
 
 
 def unknown_name(given: str, known: tuple[str, ...], what: str) -> UsageError:

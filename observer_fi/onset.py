@@ -11,7 +11,7 @@ import numpy as np
 from observer_fi import kernels
 from observer_fi.bank_rows import bank_rows, tuning
 from observer_fi.hypotheses import Hypothesis, arrays
-from observer_fi.kernels import Bank, Recent
+from observer_fi.kernels import Bank, Feed
 from observer_fi.memory import BankState, Memory, memory_of, put, remembered
 from observer_fi.models import Rig
 from observer_fi.records import Array
@@ -40,21 +40,20 @@ class _Filters:
         self.tuning, self.scratch = tuning(settings), scratch(self.rows)
         self.still = np.zeros(n, dtype=np.bool_)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
-        m = count
-        self.out = kernels.in_one_piece((n, m), (n, m), (n, m, 3), (n, 3), (n, 4), (n, m), (n, m))
+        self.out = kernels.written(n, count)
 
     def begin(self, memories: list[Memory]) -> BankState:
         """The memory of as many filters."""
         return remembered(self.rows, memories)
 
-    def density(self, state: BankState, w: Recent, first: int, last: int) -> Array:
+    def density(self, state: BankState, w: Feed, first: int, last: int) -> Array:
         """Log-densities of samples first:last, (last - first, count), from `state` on, which is overwritten."""
-        part, out = slice(first, last), [a[: last - first] for a in self.out]
-        kernels.run(
-            self.rows, self.tuning, state, self.scratch, w.t[part], w.interval[part], w.w_cmd[part], w.theta[part], w.z[part],
-            self.still[: last - first], *out,
-        )  # fmt: skip
-        return out[5]
+        feed, out = (
+            w.cut(first, last)._replace(active=self.still[: last - first]),
+            self.out.cut(0, last - first),
+        )
+        kernels.run(self.rows, self.tuning, state, self.scratch, feed, out)
+        return out.density
 
 
 class _Entry:
@@ -85,7 +84,7 @@ class _Scores:
         start: Memory,
         nominal: Hypothesis,
         fault: Hypothesis,
-        window: Recent,
+        window: Feed,
         rig: Rig,
         settings: BankSettings,
     ) -> None:
@@ -134,7 +133,7 @@ class _Scores:
 
 
 def find_onset(
-    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Recent, rig: Rig, settings: BankSettings
+    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, rig: Rig, settings: BankSettings
 ) -> Onset:
     """Onset of `fault` within `window`, from the nominal hypothesis' memory before its first sample.
 
