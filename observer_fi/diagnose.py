@@ -16,7 +16,7 @@ from observer_fi.ingest import CHUNK_ROWS, log_name, open_log, read_log
 from observer_fi.isolate import EventTracker, Isolator, Run, label_of, tested
 from observer_fi.mixture import Mixture
 from observer_fi.models import Rig
-from observer_fi.onset import onset_in
+from observer_fi.onset import Filters, onset_in
 from observer_fi.plausibility import suspect_units
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.segment import log_segments
@@ -121,7 +121,7 @@ class Diagnosis:
             if isinstance(self.bank, kernels.Bank)
             else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
         )
-        self.memory = self.keeper
+        self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.isolator = Isolator(modes, settings.decision)
         self.onsets: dict[tuple[float, int], Any] = {}
@@ -182,7 +182,7 @@ class Diagnosis:
             if j == 0 or (key in self.onsets and self.onsets[key][0] == (run.since, True)):
                 continue
             first = max(tracker.start_s, min(run.detected, run.since) - d.onset_before_s)
-            found = onset_in(self.memory, self.bank.hypotheses[j], first, last)
+            found = onset_in(self.memory, self.bank.hypotheses[j], first, last, self.filters)
             if found is not None:
                 self.onsets[key] = (
                     (run.since, self.last >= last),

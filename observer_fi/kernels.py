@@ -20,7 +20,7 @@ from observer_fi.beginning import first_readings, start
 from observer_fi.compiled import compiled, inlined, uncounted
 from observer_fi.feed import CommandStream, LogStream
 from observer_fi.hypotheses import Hypothesis, arrays, bank
-from observer_fi.memory import BankState, Memory, memory_of, remembered
+from observer_fi.memory import BankState, Memory, memory_of, remembered, seats
 from observer_fi.mixing import mix, posterior
 from observer_fi.models import Rig
 from observer_fi.records import Array, Estimate, Log
@@ -253,6 +253,7 @@ class Bank:
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
         self.arrays = arrays(self.hypotheses, rig, settings)
         self.rows = bank_rows(self.hypotheses, self.arrays)
+        self.seats = [seats(self.rows, j) for j in range(self.rows.m)]
         self.tuning = tuning(settings)
         self.run = run_unscented if filter_kind == "ukf" else run
         self.scratch = scratch(self.rows)
@@ -273,7 +274,7 @@ class Bank:
         self.recent = now.after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
-                self.snapshots.append((float(log.t[first]), memory_of(self.rows, self.state, 0)))
+                self.snapshots.append((float(log.t[first]), memory_of(self.state, 0, self.seats[0])))
             self._run(now.cut(first, first + BLOCK), out.cut(first, first + BLOCK))
         self._forget()
         return self._estimate(now, out).at(own)
@@ -293,7 +294,7 @@ class Bank:
         """Mean (n,) and covariance (n, n) of each hypothesis after the last sample, SI units; none before the first."""
         if self.state is None:
             return []
-        memories = [memory_of(self.rows, self.state, j) for j in range(self.rows.m)]
+        memories = [memory_of(self.state, j, at) for j, at in enumerate(self.seats)]
         return [(memory.x, memory.P) for memory in memories]
 
     def memory(self) -> "Bank":

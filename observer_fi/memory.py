@@ -56,30 +56,36 @@ def remembered(b: BankRows, memories: list[Memory]) -> BankState:
     ))  # fmt: skip
     s.mu[0, 0] = 1.0 - UNLIKELY * (b.m - 1)
     for row in range(L):
-        put(b, s, row, memories[row if row < b.m else 0])
+        put(s, row, seats(b, row), memories[row if row < b.m else 0])
     return s
 
 
-def put(b: BankRows, s: BankState, row: int, memory: Memory) -> None:
+class Seats(NamedTuple):
+    """Where a hypothesis has its states, to (n,), and row and column of their covariances, low and high (n, n)."""
+
+    to: NDArray[np.int64]
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+
+
+def seats(b: BankRows, row: int) -> Seats:
+    """Those of one number of the rows."""
+    to = b.places[row]
+    to = to[to >= 0]
+    return Seats(to, np.minimum(to[:, None], to), np.maximum(to[:, None], to))
+
+
+def put(s: BankState, row: int, at: Seats, memory: Memory) -> None:
     """The memory of one hypothesis into a number of the rows of a bank's."""
-    to, low, high = _places(b, row)
-    s.x[to, row] = memory.x
-    s.P[low, high, row] = memory.P
+    s.x[at.to, row] = memory.x
+    s.P[at.low, at.high, row] = memory.P
     s.slow[:, row], s.bias[:, row] = memory.slow, memory.bias
     s.predicted[:, row], s.glitches[:, row] = memory.predicted, memory.glitches
 
 
-def memory_of(b: BankRows, s: BankState, j: int) -> Memory:
-    """What hypothesis j of a bank remembers, a copy."""
-    to, low, high = _places(b, j)
+def memory_of(s: BankState, row: int, at: Seats) -> Memory:
+    """What the hypothesis in a number of the rows remembers, a copy."""
     return Memory(
-        s.x[to, j], s.P[low, high, j], s.slow[:, j].copy(), s.bias[:, j].copy(), s.predicted[:, j].copy(),
-        s.glitches[:, j].copy(), s.z.copy(), s.t.copy(), s.stopped.copy(),
+        s.x[at.to, row], s.P[at.low, at.high, row], s.slow[:, row].copy(), s.bias[:, row].copy(),
+        s.predicted[:, row].copy(), s.glitches[:, row].copy(), s.z.copy(), s.t.copy(), s.stopped.copy(),
     )  # fmt: skip
-
-
-def _places(b: BankRows, row: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Where a hypothesis has its states (n,), and row and column of their covariances (n, n)."""
-    to = b.places[row]
-    to = to[to >= 0]
-    return to, np.minimum(to[:, None], to), np.maximum(to[:, None], to)

@@ -10,9 +10,10 @@ import numpy as np
 
 from observer_fi import kernels
 from observer_fi.bank_rows import bank_rows, tuning
+from observer_fi.beginning import start
 from observer_fi.hypotheses import Hypothesis, arrays
 from observer_fi.kernels import Bank, Feed
-from observer_fi.memory import BankState, Memory, memory_of, put, remembered
+from observer_fi.memory import Memory, memory_of, put, remembered, seats
 from observer_fi.models import Rig
 from observer_fi.records import Array
 from observer_fi.rows import MOST
@@ -30,36 +31,62 @@ class Onset(NamedTuple):
     high: float
 
 
-class _Filters:
-    """Up to MOST filters of one hypothesis side by side, over windows of at most n samples: they give each other nothing."""
+class _SideBySide:
+    """`count` filters of one hypothesis over windows of at most n samples: they give each other nothing."""
 
     def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, count: int, n: int) -> None:
         hypotheses = (hypothesis,) * count
         b = arrays(hypotheses, rig, settings)
-        self.rows = bank_rows(hypotheses, b)
+        self.rows, self.room = bank_rows(hypotheses, b), n
+        self.seats = seats(self.rows, 0)  # all have the same
+        self.state = remembered(self.rows, start(hypotheses, b, np.zeros(3), 0.0))
         self.tuning, self.scratch = tuning(settings), scratch(self.rows)
-        self.still = np.zeros(n, dtype=np.bool_)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
-        self.out = kernels.written(n, count)
+        self.still, self.out = np.zeros(n, dtype=np.bool_), kernels.written(n, count)
 
-    def begin(self, memories: list[Memory]) -> BankState:
-        """The memory of as many filters."""
-        return remembered(self.rows, memories)
+    def begin(self, memory: Memory) -> None:
+        """The filters with the first of them there; the others may hold anything until they are put in."""
+        self.state.z[:], self.state.t[:], self.state.stopped[:] = memory.z, memory.t, memory.stopped
+        self.put(0, memory)
 
-    def density(self, state: BankState, w: Feed, first: int, last: int) -> Array:
-        """Log-densities of samples first:last, (last - first, count), from `state` on, which is overwritten."""
-        feed, out = (
-            w.cut(first, last)._replace(active=self.still[: last - first]),
-            self.out.cut(0, last - first),
-        )
-        kernels.run(self.rows, self.tuning, state, self.scratch, feed, out)
+    def put(self, row: int, memory: Memory) -> None:
+        """One more filter."""
+        put(self.state, row, self.seats, memory)
+
+    def memory(self) -> Memory:
+        """What the first filter remembers."""
+        return memory_of(self.state, 0, self.seats)
+
+    def density(self, w: Feed, first: int, last: int) -> Array:
+        """Log-densities of samples first:last, (last - first, count), a step of all filters."""
+        out = self.out.cut(0, last - first)
+        feed = w.cut(first, last)._replace(active=self.still[: last - first])
+        kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
         return out.density
+
+
+class Filters:
+    """The filters that searches for onsets share: making them costs as much as a search."""
+
+    def __init__(self, rig: Rig, settings: BankSettings) -> None:
+        self.rig, self.settings = rig, settings
+        self.made: dict[tuple[Hypothesis, int], _SideBySide] = {}
+
+    def of(self, hypothesis: Hypothesis, count: int, n: int) -> _SideBySide:
+        """`count` filters of a hypothesis for windows of n samples."""
+        found = self.made.get((hypothesis, count))
+        if found is None or found.room < n:
+            found = _SideBySide(hypothesis, self.rig, self.settings, count, n)
+            self.made[hypothesis, count] = found
+        return found
 
 
 class _Entry:
     """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior."""
 
-    def __init__(self, source: Hypothesis, target: Hypothesis, f: _Filters, settings: BankSettings) -> None:
+    def __init__(
+        self, source: Hypothesis, target: Hypothesis, f: _SideBySide, settings: BankSettings
+    ) -> None:
         n, (mean, var) = len(target.states), f.prior
         self.x, self.P, self.bias = mean[:n].copy(), np.diag(var[:n]), np.zeros(2)
         if target.failed >= 0:
@@ -80,36 +107,29 @@ class _Scores:
     """Log-likelihood of a window with an onset at a sample: nominal before it, the fault from it on."""
 
     def __init__(
-        self,
-        start: Memory,
-        nominal: Hypothesis,
-        fault: Hypothesis,
-        window: Feed,
-        rig: Rig,
-        settings: BankSettings,
+        self, start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
     ) -> None:
         n = window.t.size
         self.window, self.n = window, n
-        self.own = _Filters(nominal, rig, settings, 1, n)
-        self.others = _Filters(fault, rig, settings, MOST, n)
-        self.entry = _Entry(nominal, fault, self.others, settings)
+        self.own, self.others = filters.of(nominal, 1, n), filters.of(fault, MOST, n)
+        self.entry = _Entry(nominal, fault, self.others, filters.settings)
         self.memories, self.until = [start], [0.0]
-        state = self.own.begin([start])
+        self.own.begin(start)
         for k in range(0, n, STRIDE):
-            self._advance(state, k, min(k + STRIDE, n))
+            self._advance(k, min(k + STRIDE, n))
 
-    def _advance(self, state: BankState, first: int, last: int) -> None:
-        gained = float(self.own.density(state, self.window, first, last).sum())
-        self.memories.append(memory_of(self.own.rows, state, 0))
+    def _advance(self, first: int, last: int) -> None:
+        gained = float(self.own.density(self.window, first, last).sum())
+        self.memories.append(self.own.memory())
         self.until.append(self.until[-1] + gained)
 
     def _before(self, k: int) -> tuple[Memory, float]:
         """The nominal filter before sample k, and its log-likelihood until then."""
         memory, past, extra = self.memories[k // STRIDE], self.until[k // STRIDE], k % STRIDE
         if extra:
-            state = self.own.begin([memory])
-            past += float(self.own.density(state, self.window, k - extra, k).sum())
-            memory = memory_of(self.own.rows, state, 0)
+            self.own.begin(memory)
+            past += float(self.own.density(self.window, k - extra, k).sum())
+            memory = self.own.memory()
         return memory, past
 
     def at(self, samples: list[int]) -> dict[int, float]:
@@ -122,18 +142,18 @@ class _Scores:
     def _together(self, samples: list[int]) -> dict[int, float]:
         before = [self._before(k) for k in samples]
         entered = [self.entry(memory) for memory, _ in before]
-        state = self.others.begin([entered[0]] * MOST)
+        self.others.begin(entered[0])
         totals = np.array([past for _, past in before])
         ends = [*samples[1:], self.n]
         for row, (first, last) in enumerate(zip(samples, ends, strict=True)):
-            put(self.others.rows, state, row, entered[row])
-            density = self.others.density(state, self.window, first, last)
+            self.others.put(row, entered[row])
+            density = self.others.density(self.window, first, last)
             totals[: row + 1] += density[:, : row + 1].sum(axis=0)
         return dict(zip(samples, totals.tolist(), strict=True))
 
 
 def find_onset(
-    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, rig: Rig, settings: BankSettings
+    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
 ) -> Onset:
     """Onset of `fault` within `window`, from the nominal hypothesis' memory before its first sample.
 
@@ -142,7 +162,7 @@ def find_onset(
     n = window.t.size
     if n < 2:
         raise ValueError(f"an onset needs a window of at least 2 samples, got {n}")
-    scores = _Scores(start, nominal, fault, window, rig, settings)
+    scores = _Scores(start, nominal, fault, window, filters)
     found = scores.at(list(range(0, n, STRIDE)))
     best = max(found, key=lambda k: found[k])
     near = [k for k in range(max(0, best - 2 * STRIDE), min(n, best + 2 * STRIDE + 1)) if k not in found]
@@ -168,8 +188,14 @@ def _posterior(t: Array, scores: dict[int, float], during: bool) -> Onset:
     return Onset(float(median), float(low), float(high))
 
 
-def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> Onset | None:
-    """Onset of `fault` between two times, from the samples and snapshots that a bank keeps; None where they are gone."""
+def onset_in(
+    bank: Bank, fault: Hypothesis, first_s: float, last_s: float, filters: Filters | None = None
+) -> Onset | None:
+    """Onset of `fault` between two times, from the samples and snapshots that a bank keeps; None where they are gone.
+
+    filters: those of earlier searches with the bank's rig and settings.
+    """
+    filters = filters or Filters(bank.rig, bank.settings)
     recent = bank.recent
     starts = [(t, state) for t, state in bank.snapshots if t <= first_s]
     if recent is None or not bank.snapshots or first_s >= recent.t[-1]:
@@ -181,8 +207,8 @@ def onset_in(bank: Bank, fault: Hypothesis, first_s: float, last_s: float) -> On
     nominal = bank.hypotheses[0]
     first = min(max(int(np.searchsorted(recent.t, first_s)), begin), end - 2)
     if first > begin:
-        alone = _Filters(nominal, bank.rig, bank.settings, 1, first - begin)
-        memory = alone.begin([state])
-        alone.density(memory, recent, begin, first)
-        state = memory_of(alone.rows, memory, 0)
-    return find_onset(state, nominal, fault, recent.cut(first, end), bank.rig, bank.settings)
+        alone = filters.of(nominal, 1, first - begin)
+        alone.begin(state)
+        alone.density(recent, begin, first)
+        state = alone.memory()
+    return find_onset(state, nominal, fault, recent.cut(first, end), filters)

@@ -8,7 +8,7 @@ from observer_fi import onset
 from observer_fi.ingest import log_from_frame
 from observer_fi.kernels import Bank
 from observer_fi.models import load_rig
-from observer_fi.onset import Onset, find_onset, onset_in
+from observer_fi.onset import Filters, Onset, find_onset, onset_in
 from observer_fi.settings import BankSettings
 
 RIG = load_rig()
@@ -94,7 +94,7 @@ def test_a_window_needs_two_samples() -> None:
     bank.advance(log)
     nominal, fault = bank.hypotheses[:2]
     with pytest.raises(ValueError, match="at least 2 samples, got 1"):
-        find_onset(bank.snapshots[0][1], nominal, fault, bank.recent.cut(0, 1), RIG, SETTINGS)
+        find_onset(bank.snapshots[0][1], nominal, fault, bank.recent.cut(0, 1), Filters(RIG, SETTINGS))
     assert onset_in(bank, fault, 99.0, 99.5) is None
     assert onset_in(Bank(RIG, SETTINGS), fault, 0.0, 1.0) is None
 
