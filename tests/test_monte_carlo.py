@@ -36,9 +36,12 @@ def test_the_report_holds_every_table(few: pd.DataFrame) -> None:
     off = d.study(d.jobs(d.NAMED[:1], 1, (2.0,)))
     free = d.study(d.jobs(d.NAMED, 1, drive="voltage"))
     assert free["right"].all()
-    text = d.report(few, other, off, free, d.calibration([d.Job("coupling_loss", d.FIRST_SEED)]))
+    plain = d.without_doubt(d.jobs(d.NAMED, 3))
+    assert plain.index.tolist() == list(d.NAMED) and plain["moves"].tolist() == [3] * 3
+    text = d.report(few, other, off, free, d.calibration([d.Job("coupling_loss", d.FIRST_SEED)]), plain)
     for title in (
         "Nominal, overload",
+        "What the constants in doubt are for",
         "Sensor faults",
         "Calibration",
         "Consistency",

@@ -165,3 +165,39 @@ def test_rows_of_an_array_stand_where_numpy_has_them() -> None:
     out = np.zeros((3, 2, L))
     _places(given, out)
     np.testing.assert_array_equal(out, 2.0 * given.transpose(1, 0, 2))
+
+
+@numba.njit(error_model="numpy")
+def _transcendental(u, out):  # type: ignore[no-untyped-def]
+    r, o = rows.side_by_side(u, ALL), rows.side_by_side(out, ALL)
+    for k in range(u.shape[0]):
+        o[k, 0], o[k, 1], o[k, 2] = rows.exp(-abs(r[k])), rows.log(abs(r[k])), rows.sqrt(abs(r[k]))
+
+
+@numba.njit(error_model="numpy")
+def _of_a_number(u):  # type: ignore[no-untyped-def]
+    return rows.exp(-abs(u)), rows.log(abs(u)), rows.sqrt(abs(u))
+
+
+def test_exp_log_and_sqrt_of_rows_to_the_last_digits() -> None:
+    """Over all magnitudes that densities and variances have, and of numbers and in plain Python alike."""
+    rng = np.random.default_rng(4)
+    u = np.concatenate((rng.uniform(0.0, 700.0, 4000), 10.0 ** rng.uniform(-300.0, 2.8, 4000))).reshape(-1, L)
+    out = np.empty((len(u), 3, L))
+    _transcendental(u, out)
+    for k, exact in enumerate((np.exp(-u), np.log(u), np.sqrt(u))):
+        np.testing.assert_allclose(out[:, k], exact, rtol=4e-16, atol=3e-16 if k == 1 else 0.0)
+    for value in u[:20, 0]:
+        np.testing.assert_allclose(
+            _of_a_number(value), (np.exp(-value), np.log(value), np.sqrt(value)), rtol=4e-16
+        )
+    plain = rows.exp(-u[0]), rows.log(u[0]), rows.sqrt(u[0])
+    np.testing.assert_array_equal(plain, (np.exp(-u[0]), np.log(u[0]), np.sqrt(u[0])))
+    np.testing.assert_array_equal(rows.log(np.array([-1.0, 0.0, np.inf])), [np.nan] * 3)
+
+
+def test_rows_in_memory_begin_where_a_cache_line_does() -> None:
+    for shape in ((3, L), (2, 5, L), (7,)):
+        a = rows.aligned(np.arange(np.prod(shape), dtype=float).reshape(shape))
+        assert a.ctypes.data % 64 == 0 and a.flags.c_contiguous
+        np.testing.assert_array_equal(a.ravel(), np.arange(a.size))
