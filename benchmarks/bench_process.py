@@ -34,7 +34,8 @@ def main() -> int:
             measure(name, *command_line(*arguments, "--out", out), runs=runs)
 
         short = str(csv_log())
-        run("", "diagnose", short)  # compiles where nothing is cached
+        for command, log in (("diagnose", short), ("identify", short), ("improve", str(healthy_csv()))):
+            run("", command, log)  # compiles where nothing is cached
         rows.clear()
         measure("python -c pass", sys.executable, "-c", "pass", runs=5)
         measure("observer-fi --version", *command_line("--version"), runs=5)

@@ -89,10 +89,9 @@ def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
             b.entry_var[j, k],
             b.diffusion[j, k],
         )
-        for kind in range(1, tr.LAYOUT):
+        for kind in range(tr.LAYOUT):
             if kinds_of[j, kind] >= 0:
                 at[kind], has[kind, row] = to[kinds_of[j, kind]], 1.0
-    at[tr.SIZE] = n
     rows = np.array([j if j < m else 0 for j in range(L)])
     failed = np.array([[1.0 if b.failed[j] == c else 0.0 for j in rows] for c in range(3)])
     moving = [at[kind] for kind in (tr.AT_E, tr.AT_RATE) if at[kind] >= 0]

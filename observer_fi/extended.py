@@ -16,12 +16,6 @@ REST_VARIANCE = tr.REST_VARIANCE
 
 
 @inlined
-def held(b, r, x, kind):
-    """The state of this kind, 0 where a hypothesis has none."""
-    return tr.held(x, b.at, r.has, kind, 0.0) if b.at[kind] >= 0 else nothing(x[0])
-
-
-@inlined
 def _between(P, k, q):
     """Covariance of the states k and q."""
     return P[min(k, q), max(k, q)]
@@ -40,8 +34,9 @@ def _step_mean(b, r, from_x, dt, interval, row, last, theta):
     d, torque, rate = nothing(w), nothing(w), nothing(w)
     if n > 3:
         tr.load_parameters(from_x, b.at, r.has, r.parameters, p)
-        d, torque = held(b, r, from_x, tr.AT_D), held(b, r, from_x, tr.AT_TORQUE)
-        rate = held(b, r, from_x, tr.AT_RATE)
+        d = tr.held(from_x, b.at, r.has, tr.AT_D, 0.0)
+        torque = tr.held(from_x, b.at, r.has, tr.AT_TORQUE, 0.0)
+        rate = tr.held(from_x, b.at, r.has, tr.AT_RATE, 0.0)
     slow = (r.slow[tr.PHI], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED])
     by_w, by_I, by_x, x_by_w, i, di_dV, load, per_J = tr.motion_slopes(
         w, I, pos, d, slow[0], slow[1], slow[2], interval[row, 0], theta, torque, p

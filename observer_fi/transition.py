@@ -30,10 +30,10 @@ REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
 SIXTH = 1.0 / 6.0
 STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
-# A layout (LAYOUT,) says where in the state each kind stands: the size, then an index per kind, or -1. Beside it stands `has`
+# A layout (LAYOUT,) says where in the state each kind stands: an index per kind, or -1. Beside it stands `has`
 # (LAYOUT,), 1.0 where there is such a state: in rows, hypotheses of other states may use the same place.
-SIZE, AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(11)
-LAYOUT = 11
+AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(10)
+LAYOUT = 10
 _LOOKED_UP = {
     AT_D: D_STATE, AT_TORQUE: TORQUE, AT_SUPPLY: SCALE + a.VMAX, AT_RATE: RATE, AT_A: SCALE + a.A, AT_B: SCALE + a.B,
     AT_LOOSE: SCALE + a.A_DECOUPLED, AT_C: SCALE + a.C, AT_E: SCALE + a.E, AT_J: SCALE + a.J,
@@ -43,7 +43,6 @@ _LOOKED_UP = {
 def layout(kinds: np.ndarray) -> np.ndarray:
     """Where each kind of state stands, (LAYOUT,) integers, for the state codes kinds (n,)."""
     out = np.full(LAYOUT, -1)
-    out[SIZE] = kinds.size
     for slot, kind in _LOOKED_UP.items():
         found = np.flatnonzero(kinds == kind)
         if found.size:

@@ -262,8 +262,7 @@ class Watch:
         self.faulty += self.live.faulty + (self.live.moves > 0 and self.live.verdict().label != "nominal")
 
     def _flush(self) -> None:
-        for row in self.clock.finish(self._skip):
-            self.rows.append(row)
+        self.rows.extend(self.clock.finish(self._skip))
         self._feed()
 
     def heartbeat(self) -> None:

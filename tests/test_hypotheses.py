@@ -104,7 +104,7 @@ def test_state_codes_and_layout_agree() -> None:
             if state in INDEX:
                 assert kind == tr.SCALE + INDEX[state]
         row = ARRAYS.layout[j]
-        assert row[tr.SIZE] == len(h.states)
+        assert ARRAYS.size[j] == len(h.states)
         for slot, state in (
             (tr.AT_D, "d"),
             (tr.AT_A, "A"),
