@@ -10,8 +10,8 @@ BENCH_READY := $(VENV)/.installed-bench
 # The sample logs: those that need a column map live in a folder of their own and are not diagnosed here.
 LOGS := $(sort $(wildcard data/*.csv.gz data/*.csv))
 # The pipelines whose reports are committed; those of recorded data only where they are.
-STUDIES := $(addprefix pipelines/,reproduce_paper.py compare_mixture.py diagnose_study.py identify_study.py diffusion_study.py improve_study.py)
-STUDIES += $(if $(OBSERVER_FI_DATA),pipelines/identify_emps.py pipelines/improve_emps.py)
+STUDIES := $(addprefix pipelines.,reproduce_paper compare_mixture diagnose_study identify_study diffusion_study improve_study)
+STUDIES += $(if $(OBSERVER_FI_DATA),pipelines.identify_emps pipelines.improve_emps)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 
 .PHONY: help install demo test slow lint check bench report wheel clean
@@ -64,7 +64,7 @@ bench: $(BENCH_READY)
 	@set -e; for script in $(BENCHMARKS); do echo "$$script"; $(BIN)/python $$script; done
 
 report: $(READY)
-	@set -e; for script in $(STUDIES); do echo "$$script"; $(BIN)/python $$script; done
+	@set -e; for study in $(STUDIES); do echo "$$study"; $(BIN)/python -m $$study; done
 
 wheel: $(READY)
 	rm -rf dist

@@ -9,17 +9,18 @@ import peers
 from results import micro, record, timed_against
 from sample_logs import moves_log
 
-from observer_fi import kernels, lanes
-from observer_fi.diagnose import make_bank
-from observer_fi.experiment import prepare
-from observer_fi.fitting import residuals
-from observer_fi.hypotheses import Hypothesis, bank
-from observer_fi.live import Live, Row
-from observer_fi.models import load_rig
-from observer_fi.observers import FilterpyBank
+from observer_fi.bank import compiled_bank as kernels
+from observer_fi.bank import lanes
+from observer_fi.bank.filterpy_bank import FilterpyBank
+from observer_fi.bank.hypotheses import Hypothesis, bank
+from observer_fi.learn.gauss_newton import residuals
+from observer_fi.learn.move_data import prepare
+from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Fault
 from observer_fi.records import Log
-from observer_fi.scenario import Fault
+from observer_fi.serve.live import Live, Row
 from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict.diagnosis import make_bank
 
 PLAIN = BankSettings(augment=False, unknown=False, sensors=False)
 RIG = load_rig()

@@ -19,10 +19,10 @@ import numpy as np
 from results import command_line, record
 from sample_logs import csv_log
 
-from observer_fi.models import load_rig
-from observer_fi.scenario import Fault, Move, Scenario, csv_bytes, synthesise
+from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
+from observer_fi.serve.watch import Options, Watch
 from observer_fi.settings import Settings
-from observer_fi.watch import Options, Watch
 
 RATE_HZ = 1600.0
 PACED = 9600

@@ -7,9 +7,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from observer_fi.models import load_rig
+from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 from observer_fi.records import Log
-from observer_fi.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 
 FOLDER = Path(tempfile.gettempdir()) / "observer_fi_bench"
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")

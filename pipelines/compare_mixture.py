@@ -1,6 +1,6 @@
 """Observer bank against the paper's open-loop mixture on simulated moves: reports/compare_mixture.
 
-python pipelines/compare_mixture.py [--cases 300] [--seed 2018] [--out reports/compare_mixture]
+python -m pipelines.compare_mixture [--cases 300] [--seed 2018] [--out reports/compare_mixture]
 
 The logs come from the project's own simulator, with every parameter drawn from the paper's spread; the study
 with an independent truth is pipelines/diagnose_study.py.
@@ -13,12 +13,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from observer_fi.comparison import as_dict, compare
-from observer_fi.comparison_report import page, table
-from observer_fi.models import load_rig
-from observer_fi.output import write_folder
-from observer_fi.report import json_text
+from observer_fi.physics.rigs import load_rig
+from observer_fi.report.comparison_page import page, table
+from observer_fi.report.diagnosis import json_text
+from observer_fi.report.result_folder import write_folder
 from observer_fi.settings import Settings
+from observer_fi.verdict.comparison import as_dict, compare
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,14 +1,14 @@
 """EMPS as logs of this project: two CSV files with the columns of the contract, in a folder outside the project.
 
-python pipelines/convert_emps.py --data FOLDER --out FOLDER
+python -m pipelines.convert_emps --data FOLDER --out FOLDER
 """
 
 import argparse
 import sys
 from pathlib import Path
 
-from observer_fi.emps import VARIABLE, convert
 from observer_fi.errors import InvalidLogError, UsageError
+from pipelines.emps import VARIABLE, convert
 
 
 def main(argv: list[str] | None = None) -> int:

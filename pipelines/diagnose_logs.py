@@ -1,6 +1,6 @@
 """A folder of DAQ logs to reports and one summary table.
 
-python pipelines/diagnose_logs.py FOLDER [--out reports/diagnose_logs] [--rig RIG.toml] [--columns MAP.toml]
+python -m pipelines.diagnose_logs FOLDER [--out reports/diagnose_logs] [--rig RIG.toml] [--columns MAP.toml]
 """
 
 import argparse
@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from observer_fi import report
-from observer_fi.diagnose import diagnose
 from observer_fi.errors import InvalidLogError
-from observer_fi.ingest import load_columns, log_name
-from observer_fi.models import load_rig
-from observer_fi.output import write_file
+from observer_fi.logs.ingest import load_columns, log_name
+from observer_fi.physics.rigs import load_rig
+from observer_fi.report import diagnosis as report
+from observer_fi.report.result_folder import write_file
 from observer_fi.settings import Settings
+from observer_fi.verdict.diagnosis import diagnose
 
 PATTERNS = ("*.csv", "*.csv.gz", "*.parquet", "*.tdms", "*.lvm")
 SHOWN = ["label", "channel", "probability", "onset_s", "isolated_s", "mixture", "nis", "error"]

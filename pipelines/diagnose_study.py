@@ -1,6 +1,6 @@
 """Monte Carlo of `diagnose` against the independent truth of tests/hidden: writes reports/diagnose.md.
 
-    python pipelines/diagnose_study.py [--moves 150] [--workers 1] [--out reports/diagnose.md]
+    python -m pipelines.diagnose_study [--moves 150] [--workers 1] [--out reports/diagnose.md]
 
 Seeds from 60000 on: none of them was looked at while the bank was built.
 """
@@ -20,14 +20,14 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log  # noqa: E402
 
-from observer_fi import lanes  # noqa: E402
-from observer_fi.diagnose import diagnose_log  # noqa: E402
-from observer_fi.hypotheses import bank  # noqa: E402
-from observer_fi.ingest import log_from_frame  # noqa: E402
-from observer_fi.isolate import label_of  # noqa: E402
-from observer_fi.kernels import Bank  # noqa: E402
-from observer_fi.models import load_rig  # noqa: E402
+from observer_fi.bank import lanes  # noqa: E402
+from observer_fi.bank.compiled_bank import Bank  # noqa: E402
+from observer_fi.bank.hypotheses import bank  # noqa: E402
+from observer_fi.logs.ingest import log_from_frame  # noqa: E402
+from observer_fi.physics.rigs import load_rig  # noqa: E402
 from observer_fi.settings import BankSettings, Settings  # noqa: E402
+from observer_fi.verdict.diagnosis import diagnose_log  # noqa: E402
+from observer_fi.verdict.isolate import label_of  # noqa: E402
 
 FIRST_SEED = 60_000
 NAMED = ("nominal", "overload", "coupling_loss")

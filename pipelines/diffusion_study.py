@@ -1,6 +1,6 @@
 """Which equation the data want to free, against what is hidden in them: many seeds of the independent truth, one table.
 
-    python pipelines/diffusion_study.py --first 9500 --out reports/freed.md
+    python -m pipelines.diffusion_study --first 9500 --out reports/freed.md
 
 The threshold and the memories were chosen on seeds 9000 to 9011. A run that was interrupted goes on where it stopped.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 
-from observer_fi.freed_study import FreedCase, run_case, summary  # noqa: E402
+from pipelines.freed_study import FreedCase, run_case, summary  # noqa: E402
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,6 +1,6 @@
 """What a fleet run found, folder by folder, from its fleet.parquet.
 
-python pipelines/fleet_summary.py reports/fleet.parquet [--worst 10]
+python -m pipelines.fleet_summary reports/fleet.parquet [--worst 10]
 """
 
 import argparse

@@ -1,18 +1,25 @@
 """EMPS: the published identification again, and the same parameters frozen on the run with pulses.
 
-python pipelines/identify_emps.py --data FOLDER [--out reports/emps]
+python -m pipelines.identify_emps --data FOLDER [--out reports/emps]
 """
 
 import argparse
 import sys
 from pathlib import Path
 
-from observer_fi.emps import FILES, LEARN, PULSES, SOURCE, VARIABLE, load, to_log
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.inverse import Columns, identify_force, relative, residual_on, solve, structure_of
-from observer_fi.inverse_motion import InverseSettings, prepare
-from observer_fi.inverse_report import fit_table, scores_table
-from observer_fi.models import load_rig
+from observer_fi.learn.inverse_dynamics import (
+    Columns,
+    identify_force,
+    relative,
+    residual_on,
+    solve,
+    structure_of,
+)
+from observer_fi.learn.inverse_motion import InverseSettings, prepare
+from observer_fi.physics.rigs import load_rig
+from observer_fi.report.inverse_learning import fit_table, scores_table
+from pipelines.emps import FILES, LEARN, PULSES, SOURCE, VARIABLE, load, to_log
 
 PUBLISHED = {"symmetric": "emps_published", "two directions": "emps_two_directions"}
 

@@ -1,6 +1,6 @@
 """Does identification find the truth? Rigs of the independent truth, each identified from its own logs.
 
-python pipelines/identify_study.py [--rigs 100] [--seed 20000] [--workers 1] [--out reports/identify.md]
+python -m pipelines.identify_study [--rigs 100] [--seed 20000] [--workers 1] [--out reports/identify.md]
 
 Development used seeds below 10000; the report's begin at 20000. Needs the checkout: the truth is `tests/hidden`.
 """
@@ -20,13 +20,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 import hidden
 
-from observer_fi import scores
-from observer_fi.diagnose import diagnose_log
-from observer_fi.identify import identified_rig, identify
-from observer_fi.ingest import log_from_frame
-from observer_fi.models import Rig, load_rig
+from observer_fi.learn.identification import identified_rig, identify
+from observer_fi.logs.ingest import log_from_frame
+from observer_fi.physics.rigs import Rig, load_rig
 from observer_fi.records import Fit, Log
 from observer_fi.settings import Settings
+from observer_fi.verdict import scores
+from observer_fi.verdict.diagnosis import diagnose_log
 
 TRUTH_NAMES = {
     "A_decoupled": "A_loose", "J_decoupled": "J_loose", "x_stop_high": "stop_high_m", "x_stop_low": "stop_low_m",

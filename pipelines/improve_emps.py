@@ -3,7 +3,7 @@
 Learned on DATA_EMPS and on the first half of DATA_EMPS_PULSES (and, to compare, on DATA_EMPS alone); judged on the second
 half of the pulses beside the published models.
 
-    python pipelines/improve_emps.py --data FOLDER [--out reports/emps]
+    python -m pipelines.improve_emps --data FOLDER [--out reports/emps]
 """
 
 import argparse
@@ -13,19 +13,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi import emps
-from observer_fi import inverse_report as text
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.inverse import Solution, relative, residual_on, solve, structure_of
-from observer_fi.inverse_checks import PositionServo, closed_loop, predict, tune
-from observer_fi.inverse_columns import Columns
-from observer_fi.inverse_improve import extended, judge, to_json
-from observer_fi.inverse_motion import Motion, prepare
-from observer_fi.inverse_naming import Ladder, name_causes
-from observer_fi.models import Rig, load_rig, rig_toml, with_values
-from observer_fi.output import write_file
+from observer_fi.improve.inverse_improvement import extended, judge, to_json
+from observer_fi.improve.inverse_ladder import Ladder, name_causes
+from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
+from observer_fi.learn.inverse_columns import Columns
+from observer_fi.learn.inverse_dynamics import Solution, relative, residual_on, solve, structure_of
+from observer_fi.learn.inverse_motion import Motion, prepare
+from observer_fi.physics.rigs import Rig, load_rig, rig_toml, with_values
 from observer_fi.records import Log
-from observer_fi.report import json_text
+from observer_fi.report import inverse_learning as text
+from observer_fi.report.diagnosis import json_text
+from observer_fi.report.result_folder import write_file
+from pipelines import emps
 
 HALF_S = 12.42  # the second half of the pulses is judged
 GUARD_S = 0.1  # filters look this far, so the first half is learned from up to here before the second

@@ -1,6 +1,6 @@
 """How well `improve` names what is hidden from it: many seeds of the independent truth, one table.
 
-    python pipelines/improve_study.py --first 41000 --out reports/improve.md
+    python -m pipelines.improve_study --first 41000 --out reports/improve.md
 
 Seeds below 41000 were seen while thresholds were set; the report uses seeds from 41000 on. A run that was interrupted
 goes on where it stopped.
@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 
-from observer_fi.improve_study import PAIRS, Case, case_of, run_case, summary  # noqa: E402
+from pipelines.improve_study_cases import PAIRS, Case, case_of, run_case, summary  # noqa: E402
 
 
 def main(arguments: list[str] | None = None) -> int:

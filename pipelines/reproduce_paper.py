@@ -1,7 +1,7 @@
 """Figures 1 to 7 of Kemp and Martin (2018) from the models of this project with Table 1:
 reports/reproduce_paper.
 
-python pipelines/reproduce_paper.py [--out reports/reproduce_paper]
+python -m pipelines.reproduce_paper [--out reports/reproduce_paper]
 
 The paper's recordings are not public. "Measured" is a synthetic log with the noise of the paper's sensors,
 of a rig whose friction is drawn from the paper's 10 % spread; "modelled" is Table 1, run open loop.
@@ -14,17 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from observer_fi import paper_residuals as residuals
-from observer_fi.chart import Figure, padded
-from observer_fi.comparison import open_loop_estimate
-from observer_fi.diagnose import make_bank
-from observer_fi.figures import COLOURS, MEASURED, MIXTURE, WORDS
-from observer_fi.models import Rig, load_rig
-from observer_fi.output import write_folder
+from observer_fi.physics import paper_residuals as residuals
+from observer_fi.physics.rigs import Rig, load_rig
+from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.report import environment, versions
-from observer_fi.scenario import Fault, Move, Scenario, synthesise
+from observer_fi.report.chart import Figure, padded
+from observer_fi.report.diagnosis import environment, versions
+from observer_fi.report.diagnosis_figures import COLOURS, MEASURED, MIXTURE, WORDS
+from observer_fi.report.result_folder import write_folder
 from observer_fi.settings import Settings
+from observer_fi.verdict.comparison import open_loop_estimate
+from observer_fi.verdict.diagnosis import make_bank
 
 MODEL = "#d55e00"
 START, DETECTED, SECONDS = 0.05, 3.0, 6.0

@@ -3,7 +3,7 @@
 import hidden
 import pytest
 
-from observer_fi.improve_study import PAIRS, Case, run_case
+from pipelines.improve_study_cases import PAIRS, Case, run_case
 
 SEED = 4100  # a development seed: the committed report uses others
 

@@ -1,0 +1,52 @@
+"""What the hypotheses of a bank believe before its first sample."""
+
+import numpy as np
+
+from observer_fi.bank import transition as tr
+from observer_fi.bank.bank_state import Memory
+from observer_fi.bank.hypotheses import BankArrays, Hypothesis
+from observer_fi.records import Array
+
+START_ROWS, START_READINGS = (
+    64,
+    5,
+)  # samples looked at for the first readings of a channel, and how many count
+REST_VARIANCE = tr.REST_VARIANCE
+
+
+def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float) -> list[Memory]:
+    """Each hypothesis before its first sample: at rest, or turning at the command, where the sensors say.
+
+    z0: (3,) first finite reading of each channel (NaN where there is none). The integrator's prior at rest is the width
+    of the friction band, +-A/(Km Ki) (design of the servo: no anti-windup), around what the current says.
+    """
+    z, out = np.where(np.isfinite(z0), z0, 0.0), []
+    for j, h in enumerate(hypotheses):
+        model, n = h.model, len(h.states)
+        w = (z[0] - model["Rm"] * z[1]) / model["Km"] if command0 != 0.0 and model["Km"] else 0.0
+        band = model["A"] / (model["Km"] * model["Ki"]) if model["Km"] * model["Ki"] else 0.05
+        x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
+        x[:3] = w, (z[1] / model["Ki"] if model["Ki"] else 0.0), z[2]
+        var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, (0.5 * band) ** 2, 10.0 * b.noise[2]
+        slow, bias = np.zeros(tr.SLOW), np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0])
+        slow[tr.LAGGED] = z[1]
+        out.append(
+            Memory(
+                x, np.diag(var), slow, bias, np.full(3, np.nan), np.zeros(3), np.full(3, np.nan), np.full(1, np.nan),
+                np.zeros(1),
+            )
+        )  # fmt: skip
+    return out
+
+
+def first_readings(z: Array) -> Array:
+    """(3,) first finite reading of each channel, NaN where there is none; the median of the first few damps noise.
+
+    Only START_ROWS samples are looked at: a stream that begins cannot wait for more.
+    """
+    first = np.full(3, np.nan)
+    for c in range(3):
+        good = z[:START_ROWS][np.isfinite(z[:START_ROWS, c]), c][:START_READINGS]
+        if good.size:
+            first[c] = np.median(good)
+    return first

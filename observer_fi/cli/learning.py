@@ -1,0 +1,115 @@
+"""Commands that learn from logs: identify, improve."""
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step
+from observer_fi.errors import UsageError
+
+if TYPE_CHECKING:
+    from observer_fi.physics.rigs import Rig
+    from observer_fi.records import Log
+
+Improved = tuple[dict[str, Any], dict[str, str], str]  # JSON, files, headline
+
+
+def identify_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `identify`."""
+    add_logs(parser)
+    add_rig(parser, settings=False)
+    add_common(parser)
+
+
+def improve_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `improve`."""
+    identify_arguments(parser)
+    parser.add_argument(
+        "--keep-unexplained",
+        action="store_true",
+        help="what no cause explains becomes an empirical curve of the extended rig, if it helps on held-out moves",
+    )
+
+
+def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
+    """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
+    from observer_fi.logs.command_recovery import with_command
+    from observer_fi.logs.ingest import load_columns, read_log
+
+    columns = load_columns(args.columns) if args.columns else None
+    logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
+    return logs if rig.drive == "force" else [with_command(log, rig.model) for log in logs]
+
+
+def run_identify(args: argparse.Namespace) -> int:
+    """A rig learned from its logs."""
+    from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
+    from observer_fi.logs.ingest import log_name
+    from observer_fi.physics.rigs import load_rig
+    from observer_fi.report.learning import identify_files, identify_json
+    from observer_fi.report.result_folder import write_folder
+
+    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    logs = _learning_logs(args, rig)
+    fit = identify(logs, rig)
+    by_phase = residuals_by_phase(logs, fit, rig.model)
+    files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
+    write_folder(args.out / name, files)
+    if args.json:
+        emit_json(identify_json(fit))
+    elif not args.quiet:
+        told = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
+        print(f"{name}: {len(fit.parameters)} parameters learned{told}  {args.out / name / 'report.html'}")
+    return OK
+
+
+def run_improve(args: argparse.Namespace) -> int:
+    """What the simulation gets wrong, and the extended rig."""
+    from observer_fi.logs.ingest import log_name
+    from observer_fi.physics.rigs import load_rig
+    from observer_fi.report.result_folder import write_folder
+
+    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    logs = _learning_logs(args, rig)
+    improved = _improve_force if rig.drive == "force" else _improve_servo
+    result, files, headline = improved(logs, rig, name, args)
+    write_folder(args.out / name, files)
+    if args.json:
+        emit_json(result)
+    elif not args.quiet:
+        print(f"{name}: {headline}  {args.out / name / 'report.html'}")
+    return OK
+
+
+def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
+    """A rig with a servo: simulated moves against measured ones."""
+    from observer_fi.improve.diagnosis_gain import worth
+    from observer_fi.improve.improvement import improve
+    from observer_fi.learn.unknown_servo import with_servo
+    from observer_fi.logs.moves import excitation, log_segments
+    from observer_fi.report.learning import improve_files, improve_headline, improve_json
+    from observer_fi.settings import Settings
+
+    tell = step(args)
+    rig = with_servo(logs, rig)
+    record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
+    tell("what diagnose gains")
+    best = record.extended_rig
+    gain = worth(logs, best, rig, Settings()), worth(logs, best, best, Settings())
+    shown = [excitation(log, log_segments(log), rig.model) for log in logs]
+    files = improve_files(record, gain, shown, name, list(args.logs))
+    return improve_json(record, gain), files, improve_headline(record)
+
+
+def _improve_force(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
+    """A rig that logs the drive force: the force that its motion asks for against the commanded one."""
+    if args.keep_unexplained:
+        raise UsageError(
+            '--keep-unexplained needs a rig whose moves are simulated, not one with drive = "force"'
+        )
+    from observer_fi.improve.inverse_improvement import to_json
+    from observer_fi.improve.inverse_ladder import name_causes
+    from observer_fi.learn.inverse_motion import prepare
+    from observer_fi.report.inverse_learning import improve_files, improve_headline
+
+    ladder = name_causes(rig, [prepare(log) for log in logs], progress=step(args))
+    return to_json(ladder), improve_files(ladder, name, list(args.logs)), improve_headline(ladder)

@@ -1,0 +1,65 @@
+"""What a better model is worth to `diagnose`: the measured moves, and simulated faults, with either rig."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.physics.rigs import Rig
+from observer_fi.physics.scenario import synthesise
+from observer_fi.records import Isolation, Log
+from observer_fi.settings import Settings
+from observer_fi.verdict import scores
+from observer_fi.verdict.comparison import scenarios
+from observer_fi.verdict.diagnosis import diagnose_log
+
+CASES = 24  # simulated logs: a third healthy, a third each fault, half of them in the start
+FAULTS = ("overload", "coupling_loss")
+
+
+class Worth(NamedTuple):
+    """`diagnose` with one rig.
+
+    alarms of moves: measured moves that are not nominal. false_alarms of healthy, right of faults: simulated logs.
+    delay_s: median from onset to isolation, by fault [s], NaN where none was isolated.
+    """
+
+    alarms: int
+    moves: int
+    false_alarms: int
+    healthy: int
+    right: int
+    faults: int
+    delay_s: dict[str, float]
+
+
+def worth(logs: Sequence[Log], plant: Rig, rig: Rig, settings: Settings, cases: int = CASES) -> Worth:
+    """How `diagnose` does with `rig` on the measured logs, and on logs simulated from `plant`, the best model there is.
+
+    Measured moves count as healthy, as those that a model is learned from should be.
+    """
+    events = [e for log in logs for e in _isolation(log, rig, settings).events]
+    judged = []
+    for k, (group, scenario) in enumerate(scenarios(cases, seed=0)):
+        log, truth = synthesise(replace(scenario, spread=False), plant, f"simulated_{k}")
+        judged.append(scores.case(truth.label, group, truth.onset_s, _isolation(log, rig, settings)))
+    healthy = [c for c in judged if c.truth == "nominal"]
+    faults = [c for c in judged if c.truth != "nominal"]
+    delays = {f: [c.delay_s for c in faults if c.truth == f and np.isfinite(c.delay_s)] for f in FAULTS}
+    return Worth(
+        sum(e.label != "nominal" for e in events),
+        len(events),
+        sum(not c.right for c in healthy),
+        len(healthy),
+        sum(c.right for c in faults),
+        len(faults),
+        {f: float(np.median(d)) if d else float("nan") for f, d in delays.items()},
+    )
+
+
+def _isolation(log: Log, rig: Rig, settings: Settings) -> Isolation:
+    outcome = diagnose_log(log, rig, settings)
+    if outcome.isolation is None:
+        raise ValueError(f"{log.path}: diagnosed without a verdict ({outcome.error})")
+    return outcome.isolation

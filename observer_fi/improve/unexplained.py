@@ -1,0 +1,354 @@
+"""What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves.
+
+A small disturbance of one equation moves the readings linearly. Along the simulated motion the closed loop is one of
+three linear systems (free, saturated, at rest), so the response to every shape of disturbance is one cheap recursion.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.improve.screening import Projector
+from observer_fi.learn.gauss_newton import FitResult
+from observer_fi.learn.move_data import Experiment, run, whitened
+from observer_fi.numerics.compile import compiled
+from observer_fi.numerics.products import along, self_gram
+from observer_fi.physics import equations as a
+from observer_fi.physics import simulation as s
+from observer_fi.records import Array
+
+KNOTS = 9
+_LEVELS = 6
+_RIDGE = 1e-6
+_SETTLING_S = (1.5, 5.0, 20.0)
+_BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
+_FEWEST_STEPS = 4  # between moves
+_DRAWN = 200  # points of a curve that is drawn from its functions
+_STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
+_FREQUENCIES = np.arange(0.1, 6.0, 0.02)
+EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smooth term that the residual asks for: equation, regressor, whether it follows the direction of motion.
+
+    gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
+    at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
+    ohm, 1, m, A, V). coefficients: how many numbers it took.
+    """
+
+    equation: str
+    regressor: str
+    directed: bool
+    gain: float
+    held_out: float
+    share: float
+    at: Array
+    curve: Array
+    band: Array
+    coefficients: int
+
+
+class Shape(NamedTuple):
+    """A basis (K, N) over one regressor, over (N,); at (K,): the points, where the coefficients are values of the curve."""
+
+    regressor: str
+    basis: Array
+    over: Array
+    at: Array | None = None
+
+
+def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> list[Smooth]:
+    """Every (equation, regressor) pair, the best on held-out moves first.
+
+    excess: misfit over the noise of this fit [nats], of which the shares are told.
+    """
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    projector = Projector(experiment, fitted)
+    found = []
+    for shape in _shapes(experiment, projector, fitted, states):
+        for equation in EQUATIONS:
+            for directed in (False, True) if equation == "torque" else (False,):
+                forcing = _forcing(equation, directed, states, shape.basis)
+                columns = response(experiment, fitted, states, equation, forcing)
+                found.append(_judge(experiment, projector, columns, equation, shape, directed, excess))
+    return sorted(found, key=lambda term: -term.held_out)
+
+
+def regressors(experiment: Experiment, states: Array, lead: float) -> dict[str, Array]:
+    """(N,) each: what a disturbance may depend on. lead: of the screw [m].
+
+    temperature: energy lost in the winding since the log began [J].
+    """
+    i, x = states[:, s.CURRENT], states[:, s.MASS]
+    heat = np.concatenate([
+        np.interp(experiment.t[experiment.rows(m)], t, np.cumsum(c * c) * float(np.median(np.diff(t))))
+        for m in range(experiment.moves)
+        for t, c in [experiment.history[experiment.log[m]]]
+    ])  # fmt: skip
+    return {
+        "time": experiment.t,
+        "speed": states[:, s.W],
+        "position": x,
+        "shaft_angle": states[:, s.PHI],
+        "screw_angle": 2.0 * math.pi * x / lead,
+        "pitch": experiment.theta,
+        "current": i,
+        "load": np.abs(i),
+        "temperature": heat,
+    }
+
+
+def _shapes(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> list[Shape]:
+    """Everything that a disturbance is tried with: curves over one regressor, pitch by speed, decays and a wave in time."""
+    given = regressors(experiment, states, fitted.model["screw_lead"])
+    since = experiment.t - experiment.t.min()
+    decays = np.array([np.exp(-since / tau) for tau in _SETTLING_S])
+    return [
+        *(_shape(name, values) for name, values in given.items()),
+        _pitch_by_speed(given["pitch"], given["speed"]),
+        Shape("time", decays, experiment.t),
+        Shape("time", _wave(experiment, projector, fitted, states), experiment.t),
+    ]
+
+
+def _shape(regressor: str, r: Array) -> Shape:
+    """Harmonics of an angle, hats at levels, or hats at knots."""
+    if regressor.endswith("_angle"):
+        turn = np.remainder(r, 2.0 * math.pi)
+        return Shape(regressor, np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)]), turn)
+    at = _points(regressor, r)
+    return Shape(regressor, np.array([np.interp(r, at, row) for row in np.eye(at.size)]), r, at)
+
+
+def _points(regressor: str, r: Array) -> Array:
+    """(K,) knots over the regressor, or its levels where it has few."""
+    levels = np.unique(np.round(r, 1)) if regressor == "pitch" else np.empty(0)
+    if 1 < levels.size <= _LEVELS:
+        at = levels
+    else:
+        low, high = np.quantile(r, (0.002, 0.998))
+        at = np.linspace(low, high, KNOTS + (6 if regressor in ("position", "time") else 0))
+    return at if at[-1] - at[0] > 0.0 else np.array([at[0], at[0] + 1.0])
+
+
+def _pitch_by_speed(pitch: Array, speed: Array) -> Shape:
+    """A curve over the speed for every level of pitch: a torque that needs both."""
+    levels = _shape("pitch", pitch)
+    knots = np.linspace(0.0, float(np.abs(speed).max()), 4)
+    hats = [np.interp(np.abs(speed), knots, row) for row in np.eye(knots.size)[1:]]
+    return Shape("pitch", np.array([level * hat for level in levels.basis for hat in hats]), pitch)
+
+
+def _wave(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> Array:
+    """(2, N) sine and cosine of the frequency at which a torque in time would explain most."""
+    best, at = 0.0, _FREQUENCIES[0]
+    for f in _FREQUENCIES:
+        wave = _sine(f, experiment.t)
+        columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
+        g = along(columns, projector.r[: columns.shape[1]])
+        gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
+        if gain > best:
+            best, at = gain, f
+    return _sine(at, experiment.t)
+
+
+def _sine(f: float, t: Array) -> Array:
+    return np.array([np.sin(2.0 * math.pi * f * t), np.cos(2.0 * math.pi * f * t)])
+
+
+def _forcing(equation: str, directed: bool, states: Array, basis: Array) -> Array:
+    """(K, N) disturbance in the unit of the equation: a resistance times the current, a share of the screw's speed."""
+    if equation == "electrical":
+        return basis * states[:, s.CURRENT]
+    if equation == "kinematics":
+        return basis * states[:, s.W]
+    return basis * np.sign(states[:, s.W]) if directed else basis
+
+
+def response(
+    experiment: Experiment, fitted: FitResult, states: Array, equation: str, forcing: Array
+) -> Array:
+    """(K, N, 3) change of the normalised readings for each unit disturbance of one equation."""
+    K, N = forcing.shape
+    out = np.zeros((K, N, 3))
+    channel = {"sensor:voltage": 0, "sensor:current": 1, "sensor:position": 2}.get(equation)
+    if channel is not None:
+        out[:, :, channel] = forcing
+        return _normalised(experiment, out)
+    p = fitted.model.vector
+    w, i, h = states[:, s.W], states[:, s.CURRENT], states[:, s.H]
+    limit = p[a.VMAX] - states[:, s.SAG]
+    V = (p[a.RM] * (1.0 + h) + p[a.RS]) * i + p[a.KM] * w
+    mode = np.where(w == 0.0, 0, np.where(np.abs(V) > limit - 1e-6, 2, 1))
+    kind = {"torque": 0, "electrical": 1, "kinematics": 2}[equation]
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        _respond(
+            experiment.t[rows],
+            mode[rows],
+            h[rows],
+            kind,
+            np.ascontiguousarray(forcing[:, rows].T),
+            p,
+            out[:, rows],
+        )
+    return _normalised(experiment, out)
+
+
+def _normalised(experiment: Experiment, columns: Array) -> Array:
+    columns *= experiment.weight
+    for column in columns:
+        whitened(experiment, column)
+    return columns
+
+
+@compiled
+def _respond(
+    t: Array, mode: NDArray[np.int64], h: Array, kind: int, forcing: Array, p: Array, out: Array
+) -> None:
+    n, K = forcing.shape
+    dw, dI, dx = np.zeros(K), np.zeros(K), np.zeros(K)
+    J = a.inertia(p)
+    for j in range(n):
+        R = p[a.RM] * (1.0 + h[j]) + p[a.RS]
+        for k in range(K):
+            f = forcing[j, k]
+            di = p[a.KI] * dI[k] - p[a.KP] * dw[k]
+            v = f if kind == 1 else 0.0
+            if mode[j] == 2:
+                di = (-p[a.KM] * dw[k] - v) / R
+            out[k, j, 0] = p[a.RM] * (1.0 + h[j]) * di + p[a.KM] * dw[k] + v
+            out[k, j, 1] = di
+            out[k, j, 2] = dx[k]
+        if j + 1 == n:
+            break
+        step = (t[j + 1] - t[j]) / 2.0
+        for _ in range(2):
+            for k in range(K):
+                f = forcing[j, k]
+                torque = f if kind == 0 else 0.0
+                v = f if kind == 1 else 0.0
+                w0 = dw[k]
+                for stage in range(2):  # midpoint rule
+                    di = p[a.KI] * dI[k] - p[a.KP] * w0
+                    if mode[j] == 2:
+                        di = (-p[a.KM] * w0 - v) / R
+                    rate = (p[a.KM] * di - torque) / J
+                    if mode[j] == 0:
+                        rate = 0.0
+                    w0 = dw[k] + (0.5 * step if stage == 0 else step) * rate
+                mean = 0.5 * (dw[k] + w0)
+                dI[k] -= step * mean
+                dx[k] += step * p[a.D] * (mean + (f if kind == 2 else 0.0))
+                dw[k] = w0 if mode[j] != 0 else 0.0
+
+
+def _judge(
+    experiment: Experiment,
+    projector: Projector,
+    columns: Array,
+    equation: str,
+    shape: Shape,
+    directed: bool,
+    excess: float,
+) -> Smooth:
+    """Gain of a smooth term, in all and predicted for every move from the others."""
+    C = np.array([projector(column) for column in columns])
+    size = np.sqrt([along(row[None], row)[0] for row in C])
+    good = size > 1e-9 * max(float(size.max()), 1e-300)
+    C = C[good] / size[good][:, None]
+    H, g = self_gram(C), along(C, projector.r)
+    ridge = _RIDGE * np.eye(g.size)
+    weights = np.linalg.solve(H + ridge, g)
+    gain = 0.5 * float(g @ weights)
+    held_out = 0.0
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        block = C[:, 3 * rows.start : 3 * rows.stop]
+        Hm, gm = self_gram(block), along(block, projector.r[3 * rows.start : 3 * rows.stop])
+        other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
+        held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
+    K = columns.shape[0]
+    coefficients, errors = np.zeros(K), np.zeros(K)
+    coefficients[good] = weights / size[good]
+    errors[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
+    share = min(max(held_out / excess, 0.0), 1.0) if excess > 0.0 else 0.0
+    drawn = _drawn(shape, coefficients, errors)
+    return Smooth(equation, shape.regressor, directed, gain, held_out, share, *drawn, K)
+
+
+def _drawn(shape: Shape, coefficients: Array, errors: Array) -> tuple[Array, Array, Array]:
+    """The curve with its points and standard errors: the values themselves, or functions over their regressor."""
+    if shape.at is not None:
+        return shape.at, coefficients, errors
+    order = np.argsort(shape.over, kind="stable")
+    k = order[np.linspace(0, order.size - 1, min(_DRAWN, order.size)).astype(int)]
+    basis = shape.basis[:, k]
+    return shape.over[k], coefficients @ basis, np.sqrt(errors**2 @ basis**2)
+
+
+def slow_excess(experiment: Experiment, r: Array) -> float:
+    """Misfit over the noise [nats] of means over blocks of the residuals: what any smooth term could hope to gain."""
+    total = 0.0
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        count = (rows.stop - rows.start) // _BLOCK
+        part = slice(rows.start, rows.start + count * _BLOCK)
+        seen = (experiment.weight[part] > 0.0).reshape(count, _BLOCK, 3).sum(axis=1)
+        means = r[part].reshape(count, _BLOCK, 3).sum(axis=1) / np.sqrt(np.maximum(seen, 1))
+        total += 0.5 * float(np.sum(means**2 - (seen > 0)))
+    return total
+
+
+def rest_steps(experiment: Experiment, fitted: FitResult) -> list[Smooth]:
+    """Steps of the shown position between the end of one move and the start of the next, where the mass rests.
+
+    One move's own rest position hides a sensor that drifts or tilts; the steps between the moves show it. Each move
+    tells its offset to a thirtieth of the noise. A rest that slips turns the motor by di/Ki, 0.1 um of x at most.
+    """
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    pairs = np.flatnonzero(np.diff(experiment.log) == 0)
+    if pairs.size < _FEWEST_STEPS:
+        return []
+    size = np.diff(experiment.bounds)
+    std = _STEP_DOUBT * experiment.noise[2] * np.sqrt(1.0 / size[pairs] + 1.0 / size[pairs + 1])
+    first, last = experiment.bounds[:-1], experiment.bounds[1:] - 1
+    step = (states[first[pairs + 1], s.MASS] - states[last[pairs], s.MASS]) / std
+    middle = 0.5 * (experiment.t[first] + experiment.t[last])
+    found = [_stepped("pitch", experiment.pitch, pairs, step, std)]
+    found += [_stepped("time", np.exp(-middle / tau), pairs, step, std) for tau in _SETTLING_S]
+    return [term for term in found if term is not None]
+
+
+def _stepped(
+    regressor: str, shape: Array, pairs: NDArray[np.int64], step: Array, std: Array
+) -> Smooth | None:
+    """The position error `slope` times a shape (M,), and how well it predicts each step from the others."""
+    u = (shape[pairs + 1] - shape[pairs]) / std
+    power = float(u @ u)
+    if power == 0.0:
+        return None
+    slope = float(u @ step) / power
+    left_out = (step - slope * u) / np.maximum(1.0 - u * u / power, 1e-3)
+    whole = 0.5 * float(step @ step)
+    held_out = whole - 0.5 * float(left_out @ left_out)
+    at = np.array([shape.min(), shape.max()])
+    share = min(max(held_out / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+    gain = 0.5 * slope**2 * power
+    return Smooth(
+        "sensor:position",
+        regressor,
+        False,
+        gain,
+        held_out,
+        share,
+        at,
+        slope * at,
+        np.abs(at) / math.sqrt(power),
+        1,
+    )

@@ -1,0 +1,426 @@
+"""A rig learned from its own logs: section 3's closed forms, then the output-error likelihood of all logs jointly.
+
+The maker's data (Rm, Km, D) enter as tight priors. A parameter that the logs cannot tell is not reported as a number:
+the fit says what to record instead. It stays in the likelihood with the rig's spread as its prior, so that the
+intervals of the others stay honest. docs/identify.md has the equations, the checks and what the limits rest on.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.learn import section3 as cf
+from observer_fi.learn.gauss_newton import Free
+from observer_fi.learn.integral_regression import identify_driven
+from observer_fi.learn.joint_likelihood import (
+    Z95,
+    JointFit,
+    Part,
+    fit_parts,
+    nll,
+    part_of,
+    predict,
+    profile_interval,
+    residuals_of,
+)
+from observer_fi.learn.kinematic_breaks import Breaks, find_breaks
+from observer_fi.learn.move_data import cut_moves
+from observer_fi.logs.command_recovery import with_command
+from observer_fi.logs.moves import Phase, log_segments, phases
+from observer_fi.physics import equations as a
+from observer_fi.physics.effects import CAUSES
+from observer_fi.physics.equations import PARAMETERS
+from observer_fi.physics.rigs import Model, Rig, override, with_values
+from observer_fi.records import Array, Fit, Log, Parameter, Segment
+
+# Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
+MAKER = {"Rm": 2e-3, "Km": 2e-3, "D": 1e-3}
+DEFAULT_SPREAD = 0.1  # of a parameter that the logs cannot tell
+PITCH_SPAN = 2.0  # deg between the moves' pitches that tells B
+PROFILE_FROM = 0.01  # relative standard error from which on the interval is the profile likelihood's
+CANNOT_TELL = 0.3  # relative standard error from which on a value is none
+# A sampled servo needs two numbers: its proportional path sees the speed half a period late (2 ms is a servo of
+# 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
+TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3, 0.2))
+_TIMING = tuple(f.name for f in TIMING)
+OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
+
+RECORD = {
+    "J": "the logs hold no start from rest; record a start at full speed",
+    "A": "the logs hold no steady move; record moves of a second or longer in both directions",
+    "Kp": "the logs hold no start from rest; record a start at full speed",
+    "Ki": "the logs hold no start from rest; record a start at full speed",
+    "B": "all moves are at one pitch; record moves at two pitches or more, 5 deg apart or farther",
+    "Rs": "no start saturates the supply; record starts at full speed",
+    "Vmax": "no start saturates the supply; record starts at full speed",
+    "torque_offset": "all moves go in one direction; record moves in both",
+    "C": "no move leans on a stop; record a slow move 1 mm or deeper into one",
+    "E": "no move leans on a stop; record a slow move 1 mm or deeper into one",
+    "x_stop_high": "no move reaches the high stop; record a slow move 1 mm or deeper into it",
+    "x_stop_low": "no move reaches the low stop; record a slow move 1 mm or deeper into it",
+    "A_decoupled": "no log shows the motor without the mass; record moves with the coupling open",
+    "J_decoupled": "no log shows a start or a stop of the motor without the mass; record moves with the coupling open",
+    "Rm": "the logs add nothing to the maker's value; record moves at several speeds and pitches",
+    "Km": "the logs add nothing to the maker's value; record moves at several speeds and pitches",
+    "D": "the logs add nothing to the maker's value; record a long move",
+}
+
+
+class Material(NamedTuple):
+    """A log with what was found in it: its moves, and where the mass stops following."""
+
+    log: Log
+    moves: tuple[Segment, ...]
+    breaks: Breaks
+
+
+def identify(logs: Sequence[Log], rig: Rig) -> Fit:
+    """Parameters of `rig` from logs, with intervals, correlations and what could not be identified.
+
+    Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
+    gains (`integral_regression.py`); drive 'force' is `inverse.py`'s.
+    """
+    if rig.drive == "force":
+        from observer_fi.learn.inverse_dynamics import identify_force
+
+        return identify_force(logs, rig)
+    if rig.drive != "pi_servo":
+        return identify_driven(logs, rig)
+    material = [_material(log, rig) for log in logs]
+    steps, start = closed_form_start(material, rig.model)
+    parts = [part for k, m in enumerate(material) if (part := part_of(m.log, rig, k, m.breaks)) is not None]
+    if not parts:
+        raise InvalidLogError(
+            f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"
+        )
+    told = identifiable(material, parts, rig.model)
+    values = _start_values(material, start, rig)
+    values = _onsets(parts, material, rig.model, values)
+    free = _free(material, values, told, rig)
+    fitted = fit_parts(parts, rig.model, free, values)
+    weak = _weak(fitted, told)
+    if weak:
+        told = told - weak
+        fitted = fit_parts(parts, rig.model, _free(material, fitted.values, told, rig), fitted.values)
+    return _fit(parts, fitted, told, steps, rig)
+
+
+def identified_rig(fit: Fit, rig: Rig) -> Rig:
+    """`rig` with the values of a fit. Contact points of several logs become their mean; onsets are left out."""
+    values, std = {}, {}
+    for name in {p.name.split("@")[0] for p in fit.parameters} - {"onset"}:
+        same = [p for p in fit.parameters if p.name.split("@")[0] == name]
+        weight = np.array([1.0 / max(p.std, 1e-300) ** 2 for p in same])
+        values[name] = float(np.average([p.value for p in same], weights=weight))
+        std[name] = float(1.0 / math.sqrt(weight.sum()))
+    for name in ("torque_offset",):
+        if name in values and abs(values[name]) < OFFSET_SHOWS * std[name]:
+            del values[name], std[name]
+    return with_values(rig, values, std, "identified")
+
+
+# --- what the logs hold ---------------------------------------------------------------------------
+
+
+def _material(log: Log, rig: Rig) -> Material:
+    log = with_command(log, rig.model)
+    moves = cut_moves(log)
+    return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
+
+
+def identifiable(material: Sequence[Material], parts: Sequence[Part], model: Model) -> set[str]:
+    """Names of the parameters that these logs can tell, judged by what was done, before any fit."""
+    coupled = [m for k in material for m in _coupled(k)]
+    told = {*_TIMING, *MAKER} if coupled or parts else set()
+    if coupled:
+        told |= {"J", "A", "Kp", "Ki"}
+        if np.ptp([m.pitch for m in coupled]) >= PITCH_SPAN:
+            told.add("B")
+        if len({np.sign(m.peak) for m in coupled}) == 2:
+            told.add("torque_offset")
+    if any(cf.saturated_starts(k.log, k.moves, model) for k in material):
+        told |= {"Rs", "Vmax"}
+    if any(k.breaks.stop_high is not None or k.breaks.stop_low is not None for k in material):
+        told |= {"C", "E"}
+    if any(k.breaks.loss is not None for k in material):
+        told |= {"A_decoupled", "J_decoupled"}
+    return told
+
+
+def _coupled(material: Material) -> list[Segment]:
+    """Moves that begin with the mass coupled."""
+    loss = material.breaks.loss
+    return [m for m in material.moves if loss is None or m.start < loss]
+
+
+def _decoupled(material: Material) -> list[Segment]:
+    loss = material.breaks.loss
+    return [] if loss is None else [m for m in material.moves if m.start >= loss]
+
+
+# --- where the fit begins -------------------------------------------------------------------------
+
+
+def closed_form_start(
+    material: Sequence[Material], model: Model
+) -> tuple[dict[str, cf.Step], dict[str, float]]:
+    """The steps of section 3 in the paper's order, each with the values of those before it, and the values found."""
+    steps: dict[str, cf.Step] = {}
+    found: dict[str, float] = {}
+    for name, step in _sequence(material, model, found):
+        if step is not None and _plausible(step, model):
+            steps.setdefault(name, step)
+            found.update({n: v for n, v in step.values.items() if n not in found})
+    return steps, found
+
+
+def _sequence(material: Sequence[Material], model: Model, found: dict[str, float]) -> Any:
+    def now() -> Model:
+        return override(model, model.name, **{n: v for n, v in found.items() if not n.startswith("x_stop")})
+
+    for k in material:
+        free = [m for m in _coupled(k) if not _touches_stop(k, m)]
+        starts = cf.saturated_starts(k.log, k.moves, now())
+        whole = [s for s in starts if s.move in free]
+        yield "source", cf.source(k.log, starts)
+        yield "friction", cf.friction(k.log, free, now())
+        yield "inertia", cf.inertia(k.log, whole, now())
+        yield "gains", cf.gains(k.log, free, starts, now())
+        for side, stop in ((1.0, k.breaks.stop_high), (-1.0, k.breaks.stop_low)):
+            pressing = [
+                m
+                for m in _coupled(k)
+                if stop is not None and np.sign(m.peak) == side and _reaches(k, m, stop, side)
+            ]
+            for move in pressing[:1]:
+                yield "contact", cf.contact(k.log, move, now(), float(stop or 0.0), side)
+                yield "compression", cf.compression(k.log, move, now(), float(stop or 0.0), side)
+        loose = _decoupled(k)
+        yield "decoupled_friction", cf.friction(k.log, loose, now(), ("A_decoupled", ""))
+        loose_starts = [s for s in starts if s.move in loose]
+        yield "decoupled_inertia", cf.inertia(k.log, loose_starts, now(), "J_decoupled")
+
+
+def _reaches(k: Material, move: Segment, stop: float, side: float) -> bool:
+    x = k.log.z[move.start : move.stop, 2]
+    return bool(np.isfinite(x).any() and np.nanmax(side * (x - stop)) > 2e-4)
+
+
+def _touches_stop(k: Material, move: Segment) -> bool:
+    high, low = k.breaks.stop_high, k.breaks.stop_low
+    return (high is not None and _reaches(k, move, high, 1.0)) or (
+        low is not None and _reaches(k, move, low, -1.0)
+    )
+
+
+def _plausible(step: cf.Step, model: Model) -> bool:
+    """A closed form that is off by a factor of three or has no finite value is no start for a fit."""
+    for name, value in step.values.items():
+        reference = model[name]
+        if not math.isfinite(value) or (
+            not name.startswith("x_stop") and not reference / 3.0 < value < 3.0 * reference
+        ):
+            return False
+    return True
+
+
+def _start_values(material: Sequence[Material], found: Mapping[str, float], rig: Rig) -> dict[str, float]:
+    """Values by name of the fit: closed forms, else the rig's; contact points per log where several have one."""
+    names = (*MAKER, "J", "A", "B", "Kp", "Ki", "Rs", "Vmax", "C", "E", "A_decoupled", "J_decoupled")
+    values = {n: found.get(n, rig.model[n]) for n in names}
+    if "Vmax" not in found:
+        values["Vmax"] = max(values["Vmax"], 1.01 * max(_highest(m.log, values["Rs"]) for m in material))
+    values["servo_delay"] = max(rig.model["servo_delay"], 3e-5)
+    values["input_delay"] = rig.model["input_delay"]
+    values["torque_offset"] = rig.model["torque_offset"]
+    values |= {n: rig.model[n] for n in rig.model.effects}
+    for side in ("high", "low"):
+        stops = {k: s for k, m in enumerate(material) if (s := getattr(m.breaks, f"stop_{side}")) is not None}
+        for k, stop in stops.items():
+            name = f"x_stop_{side}" if len(material) == 1 else f"x_stop_{side}@{k}"
+            values[name] = stop
+    return values
+
+
+def _highest(log: Log, Rs: float) -> float:
+    """Largest source voltage that a log shows [V], a spike aside."""
+    with np.errstate(invalid="ignore"):
+        y = np.abs(log.z[:, 0] + Rs * log.z[:, 1])
+    return float(np.nanquantile(y, 0.9999)) if np.isfinite(y).any() else 0.0
+
+
+def _onsets(
+    parts: Sequence[Part], material: Sequence[Material], plant: Model, values: Mapping[str, float]
+) -> dict[str, float]:
+    """Values with the time of each coupling loss: rough from the bend, then the best of a scan of its own log."""
+    values = dict(values)
+    for part in parts:
+        loss = material[part.number].breaks.loss
+        if loss is None:
+            continue
+        log = material[part.number].log
+        values[f"onset@{part.number}"] = best_onset(part, plant, values, float(log.t[loss]), float(log.t[0]))
+    return values
+
+
+def best_onset(part: Part, plant: Model, values: Mapping[str, float], rough: float, earliest: float) -> float:
+    """Onset [s] of least misfit on grids of 10, 2 and 0.3 ms around a rough one; before the log for a whole log."""
+    name = f"onset@{part.number}"
+    nuisance = np.zeros((part.experiment.moves, 2))
+
+    def cost(onset: float) -> float:
+        r = residuals_of(part, plant, {**values, name: onset}, nuisance)
+        return float(np.vdot(r, r))
+
+    first = float(part.experiment.t[0])
+    centre = rough
+    for step, count in ((0.01, 12), (0.002, 6), (3e-4, 8)):
+        grid = np.maximum(centre + step * np.arange(-count, count + 1), max(earliest, first) - 1e-9)
+        centre = float(min(grid, key=cost))
+    return centre
+
+
+# --- what is free ---------------------------------------------------------------------------------
+
+
+def _free(material: Sequence[Material], values: Mapping[str, float], told: set[str], rig: Rig) -> list[Free]:
+    """Free parameters with steps, bounds and priors; what the logs cannot tell keeps the rig's spread."""
+    free = []
+    for name in ("J", "A", "B", "Kp", "Ki", "Rs", "Vmax", "C", "E", "A_decoupled", "J_decoupled"):
+        reference = rig.model[name]
+        step = 1e-3 * abs(reference) * {"Vmax": 0.1, "Rs": 10.0}.get(name, 1.0)
+        bounds = (0.05 * reference, 20.0 * reference if name != "E" else 0.99)
+        prior = math.inf if name in told else reference * (rig.spread(name) or DEFAULT_SPREAD)
+        free.append(Free(name, step, *bounds, reference, prior))
+    for name, relative in MAKER.items():
+        reference = rig.model[name]
+        std = reference * (rig.spread(name) or relative)
+        free.append(Free(name, 1e-4 * reference, 0.5 * reference, 2.0 * reference, reference, std))
+    free += TIMING
+    offset = math.inf if "torque_offset" in told else 0.02 * rig.model["A"]
+    free.append(Free("torque_offset", 1e-3 * rig.model["A"], prior=0.0, prior_std=offset))
+    free += [_effect(n, rig.model[n]) for n in rig.model.effects if n not in (*_TIMING, "torque_offset")]
+    free += [Free(n, 2e-6) for n in values if n.startswith("x_stop")]
+    free += [Free(n, 1e-4) for n in values if n.startswith("onset")]
+    return free
+
+
+def _effect(name: str, value: float) -> Free:
+    """An effect that the rig names: free within its physical bounds."""
+    terms = [t for cause in CAUSES.values() for v in cause.variants for t in v.terms if t.parameter == name]
+    low, high = (terms[0].low, terms[0].high) if terms else (-math.inf, math.inf)
+    return Free(name, 1e-2 * abs(value), low, high)
+
+
+def _weak(fitted: JointFit, told: set[str]) -> set[str]:
+    """Parameters without a prior whose standard error is too large to call them a value."""
+    std = fitted.std
+    return {
+        n for n in told
+        if n not in MAKER and n not in (*_TIMING, "torque_offset") and n in std and std[n] > CANNOT_TELL * abs(fitted.values[n])
+    }  # fmt: skip
+
+
+# --- the result -----------------------------------------------------------------------------------
+
+
+def _fit(
+    parts: Sequence[Part], fitted: JointFit, told: set[str], steps: Mapping[str, cf.Step], rig: Rig
+) -> Fit:
+    std = fitted.std
+    names = [f.name for f in fitted.free if _reported(f.name, told)]
+    parameters = []
+    for name in names:
+        low, high = _interval(parts, fitted, name, rig.model)
+        base = name.split("@")[0]
+        unit = PARAMETERS[base][0] if base in PARAMETERS else "s"
+        prior = rig.model[base] if base in PARAMETERS else math.nan
+        parameters.append(Parameter(name, fitted.values[name], std[name], prior, unit, low, high))
+    order = [k for k, f in enumerate(fitted.free) if f.name in names]
+    scale = np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
+    correlation = (fitted.covariance / np.outer(scale, scale))[np.ix_(order, order)]
+    missing = {
+        n: text for n, text in RECORD.items() if not any(p.name.split("@")[0] == n for p in parameters)
+    }
+    return Fit(
+        tuple(parameters),
+        correlation,
+        missing,
+        nll(parts, fitted),
+        rmse(parts, fitted),
+        figures(parts, fitted, steps),
+    )
+
+
+def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) -> tuple[float, float]:
+    """95 % interval: the profile likelihood's for what is known to a percent or worse, else the parabola's.
+
+    What is known better than that moves the readings in proportion, and the parabola is exact.
+    """
+    value, std, base = fitted.values[name], fitted.std[name], name.split("@")[0]
+    scale = {
+        "torque_offset": model["A"],
+        "onset": math.inf,
+        "servo_delay": math.inf,
+        "input_delay": math.inf,
+    }.get(base, 1e-3 if base.startswith("x_stop") else abs(value))
+    low, high = value - Z95 * std, value + Z95 * std
+    if std > PROFILE_FROM * scale:
+        low, high = profile_interval(parts, fitted, name)
+    free = next(f for f in fitted.free if f.name == name)
+    return max(low, min(free.low, value)), min(high, max(free.high, value))
+
+
+def _reported(name: str, told: set[str]) -> bool:
+    base = name.split("@")[0]
+    if base in ("x_stop_high", "x_stop_low"):
+        return "C" in told or "E" in told
+    return base in told or base not in RECORD
+
+
+def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
+    """Root mean square residual of current [A], position [m] and the speed of equation 16 [rad/s], of what was measured."""
+    p = fitted.plant.vector
+    errors = []
+    for part, r in zip(parts, fitted.residuals, strict=True):
+        e = part.experiment
+        single = (e.weight > 0.0) & (e.weight < 1.01 / e.noise)  # neither missing nor the mean of a rest
+        errors.append(np.where(single, r, np.nan) / np.where(single, e.weight, 1.0))
+    left = np.concatenate(errors)
+    speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
+    named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
+    return {n: float(np.sqrt(np.nanmean(v**2))) for n, v in named.items() if np.isfinite(v).any()}
+
+
+def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str, Array]:
+    """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
+    codes, residuals = [], []
+    for one in fit.figures.get("fits", []):
+        log = logs[one["log"]]
+        phase_of = np.full(log.t.size, int(Phase.REST))
+        for move in log_segments(log):
+            phase_of[move.rest : move.end] = phases(move, log.t, log.w_cmd, log.z, model)
+        codes.append(phase_of[np.searchsorted(log.t, one["time"])])
+        residuals.append(one["residual"])
+    if not codes:
+        return {}
+    code, r = np.concatenate(codes), np.concatenate(residuals)
+    return {p.name.lower(): np.mean(r[code == p] ** 2, axis=0) for p in Phase if (code == p).any()}
+
+
+def figures(parts: Sequence[Part], fitted: JointFit, steps: Mapping[str, cf.Step]) -> dict[str, Any]:
+    """Arrays to draw: section 3's steps, and per log measured and simulated readings with their residuals."""
+    fits = []
+    for part, nuisance, r in zip(parts, fitted.nuisance, fitted.residuals, strict=True):
+        e = part.experiment
+        seen = (e.weight > 0.0).any(axis=1)
+        simulated = predict(part, fitted.plant, fitted.values, nuisance)
+        measured = np.where(e.weight > 0.0, e.z, np.nan)
+        fits.append({
+            "log": part.number, "time": e.t[seen], "measured": measured[seen], "simulated": simulated[seen],
+            "residual": r[seen], "move": e.owner[seen], "peak": e.peak, "pitch": e.pitch,
+        })  # fmt: skip
+    return {"steps": dict(steps), "fits": fits}

@@ -1,0 +1,281 @@
+"""Rigs whose servo is unknown: mechanics and winding from V, i and x alone, by equations 1 and 2 integrated in time.
+
+Over a window in which the motor turns one way, equation 1 gives
+
+    w(t) = w(0) + 1/J int (Km i - A s - B theta - b w) dt,         V = Rm i + Km w  (equation 2)
+
+and equation 8 gives int (V - Rm i) dt = Km/D (x - x(0)). Both are linear in their unknowns, with one or two free constants
+per window. Noise stands in the measured voltage and position; the integrals hardly feel it. Where no voltage is
+logged, the speed is integrated once more and compared with the position.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.learn.kinematic_breaks import motor_angle
+from observer_fi.physics.equations import PARAMETERS
+from observer_fi.physics.rigs import Model, Rig
+from observer_fi.records import Array, Fit, Log, Parameter
+
+WINDOW_S = 0.25
+SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doubt
+SMOOTH_S = 0.02  # over which the speed is averaged to find where the motor turns
+TURNS = 20.0  # rad/s: a motor slower than this stands
+CANNOT_TELL = 0.3
+MAKER = {"Km": 2e-3, "D": 1e-3}  # relative 1-sigma of what the maker states
+PITCH_SPAN = 2.0  # deg
+Z95 = 1.959964
+_MANY = 4  # windows per unknown from which on their scatter is a standard error
+_NEEDED = {
+    "J": "the speed hardly changes; record starts and stops",
+    "A": "no steady motion; record moves of a second or longer",
+    "B": "all motion is at one pitch; record moves at two pitches or more, 5 deg apart or farther",
+    "viscous_positive": "one speed only; record moves at three speeds or more",
+    "Rm": "current and speed change together; record starts and steady moves",
+    "Km": "current and speed change together; record starts and steady moves",
+    "torque_offset": "all moves go in one direction; record moves in both",
+}
+
+
+class Window(NamedTuple):
+    """One stretch of motion one way: times from its start [s], readings, motor speed [rad/s], direction."""
+
+    t: Array
+    z: Array
+    pitch: Array
+    w: Array
+    sign: float
+
+
+class Solution(NamedTuple):
+    """Least squares: coefficients and covariance, residual's standard deviation, number of samples."""
+
+    x: Array
+    covariance: Array
+    sigma: float
+    n: int
+
+
+def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
+    """Fit of a rig that is driven by its measured voltage or current: J, A, B, viscous friction, and Rm and Km from V.
+
+    Raises InvalidLogError where the motor never turns for long enough.
+    """
+    model = rig.model
+    windows = [w for log in logs for w in windows_of(log, model)]
+    if not windows:
+        raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
+    with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and model["Rm"] > 0.0
+    names, values, covariance, s = (
+        _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
+    )
+    parameters, covariance = _told(names, values, covariance, rig)
+    missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
+    noise = (
+        float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
+        if with_voltage
+        else rig.noise["position"]
+    )
+    sigma = s.sigma * (1.0 if with_voltage else model["D"])
+    error = {"speed_rad_s": sigma / model["Km"]} if with_voltage else {"position_m": sigma}
+    nll = float(np.log(noise * np.sqrt(2.0 * np.pi)) + 0.5 * (sigma / noise) ** 2)
+    return Fit(
+        parameters, _correlation(covariance), missing, nll, error, {"windows": windows, "samples": s.n}
+    )
+
+
+def windows_of(log: Log, model: Model) -> list[Window]:
+    """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
+    w, sure = _speed(log, model)
+    sign = np.where(
+        np.abs(sure) > max(SLOWEST * float(np.nanmax(np.abs(sure), initial=0.0)), TURNS), np.sign(sure), 0.0
+    )
+    channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
+    sign[~np.isfinite(channels).all(axis=1)] = 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate(([0.0], sign, [0.0]))))
+    size = round(WINDOW_S * log.rate_hz)
+    found = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if b - a < size // 2 or sign[a] == 0.0:
+            continue
+        for first in range(a, b - size // 2, size):
+            rows = slice(first, min(first + size, b))
+            if np.diff(log.t[rows]).max() < 1.5 / log.rate_hz:
+                found.append(
+                    Window(log.t[rows] - log.t[first], log.z[rows], log.pitch[rows], w[rows], float(sign[a]))
+                )
+    return found
+
+
+def _speed(log: Log, model: Model) -> tuple[Array, Array]:
+    """Motor speed of equation 16, or from the position where no voltage is logged, and the same smoothed."""
+    size = max(1, round(SMOOTH_S * log.rate_hz))
+    kernel = np.ones(size) / size
+    if np.isnan(log.z[:, 0]).all() or model["Rm"] == 0.0:
+        x = np.convolve(np.pad(_filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
+        w = np.gradient(x, log.t) / model["D"]
+        return w, np.convolve(w, kernel, "same")
+    w = _filled((log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"])
+    return w, np.convolve(w, kernel, "same")
+
+
+def _filled(y: Array) -> Array:
+    bad = ~np.isfinite(y)
+    k = np.arange(y.size)
+    return np.interp(k, k[~bad], y[~bad]) if bad.any() and not bad.all() else y
+
+
+def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
+    """Names, values, covariance from equations 1 and 2, V = Rm i + V0 + Km/J int (Km i - A s - B theta - b w) dt.
+
+    Km then follows from equation 8: the integral of V - Rm i is Km/D (x - x0). Maker's data enter as priors.
+    """
+    names = _unknowns(windows)
+    rows, y = [], []
+    for w in windows:
+        G = np.column_stack([w.z[:, 1], motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        rows.append(_without(G, np.ones((w.t.size, 1))))
+        y.append(_without(w.z[:, :1], np.ones((w.t.size, 1)))[:, 0])
+    s = solve(rows, y, len(windows))
+    Km_std = _torque_constant(windows, rig, float(s.x[0]))[1]
+
+    def values(coefficients: Array) -> Array:
+        Rm, Km = coefficients[0], _torque_constant(windows, rig, float(coefficients[0]))[0] + coefficients[-1]
+        return np.concatenate(([Rm, Km, Km**2 / coefficients[1]], coefficients[2:-1] * Km / coefficients[1]))
+
+    at = np.append(s.x, 0.0)
+    covariance = np.zeros((at.size, at.size))
+    covariance[:-1, :-1] = s.covariance
+    covariance[-1, -1] = Km_std**2
+    slope = _slopes(values, at, np.sqrt(np.diag(covariance)))
+    return ("Rm", "Km", *names), values(at), slope @ covariance @ slope.T, s
+
+
+def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:
+    """Jacobian by central differences of one standard error."""
+    moved = [np.diag(step)[k] for k in range(at.size)]
+    return np.column_stack(
+        [(function(at + m) - function(at - m)) / (2.0 * h) for m, h in zip(moved, step, strict=True)]
+    )
+
+
+def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[float, float]:
+    """Km and its standard error from int (V - Rm i) dt = Km/D (x - x0), mixed with the maker's Km and D."""
+    model = rig.model
+    rows = [
+        _without(motor_angle(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1)))
+        for w in windows
+    ]
+    y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
+    s = solve(rows, y, len(windows))
+    Km = 1.0 / float(s.x[0])
+    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, MAKER["D"] * Km))
+    maker = MAKER["Km"] * model["Km"]
+    weight = maker**2 / (std**2 + maker**2)
+    return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
+
+
+def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
+    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's."""
+    model = rig.model
+    names = _unknowns(windows)
+    rows, y = [], []
+    for w in windows:
+        once = np.column_stack([model["Km"] * motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        G = np.column_stack([motor_angle(w.t, g) for g in once.T])
+        free = np.column_stack([np.ones(w.t.size), w.t])
+        rows.append(_without(G, free))
+        y.append(_without(w.z[:, 2:] / model["D"], free)[:, 0])
+    s = solve(rows, y, 2 * len(windows))
+    values = np.concatenate(([1.0], s.x[1:])) / s.x[0]
+    slope = np.eye(s.x.size) / s.x[0]
+    slope[:, 0] = -values / s.x[0]
+    return names, values, slope @ s.covariance @ slope.T, s
+
+
+def _loads(w: Window, names: Sequence[str]) -> list[Array]:
+    """Integrals of what the loads multiply, with their sign in equation 1."""
+    columns = {
+        "A": -w.sign * w.t,
+        "B": -motor_angle(w.t, w.pitch),
+        "viscous_positive": -motor_angle(w.t, w.w),
+        "torque_offset": -w.t,
+    }
+    return [columns[n] for n in names]
+
+
+def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
+    """J, A and what the motion can tell."""
+    names = ["J", "A"]
+    pitch = np.array([w.pitch.mean() for w in windows])
+    speed = np.array([np.abs(w.w).mean() for w in windows])
+    if np.ptp(pitch) > PITCH_SPAN:
+        names.append("B")
+    if np.ptp(speed) > 0.2 * speed.max():
+        names.append("viscous_positive")
+    if len({w.sign for w in windows}) == 2:
+        names.append("torque_offset")
+    return tuple(names)
+
+
+def _without(G: Array, free: Array) -> Array:
+    """Columns with the free constants of their window projected out."""
+    q, _ = np.linalg.qr(free)
+    return G - q @ (q.T @ G)
+
+
+def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
+    """Least squares over windows. G: (n, k) each, constants already out; constants: how many there were.
+
+    Standard errors from the scatter between windows, since integrated noise is alike within one; from the residual's
+    autocorrelation where windows are too few for that.
+    """
+    stacked, target = np.concatenate(G), np.concatenate(y)
+    scale = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+    inverse = np.linalg.pinv((stacked / scale).T @ (stacked / scale), rcond=1e-12)
+    x = inverse @ ((stacked / scale).T @ target)
+    r = target - stacked / scale @ x
+    variance = float(r @ r) / max(target.size - x.size - constants, 1)
+    covariance = inverse * variance * _time(r)
+    if len(G) >= _MANY * x.size:
+        pulls = np.array([(g / scale).T @ (t - g / scale @ x) for g, t in zip(G, y, strict=True)])
+        between = inverse @ (pulls.T @ pulls) @ inverse * len(G) / (len(G) - x.size)
+        wider = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+        covariance = covariance * np.outer(wider, wider)
+    return Solution(x / scale, covariance / np.outer(scale, scale), float(np.sqrt(variance)), target.size)
+
+
+def _time(r: Array) -> float:
+    """1 + 2 sum of the autocorrelation up to its first zero."""
+    n = r.size
+    spectrum = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    rho = np.fft.irfft(spectrum)[: min(2000, n // 4)]
+    rho = rho / max(rho[0], 1e-300)
+    below: NDArray[np.int64] = np.flatnonzero(rho < 2.0 / np.sqrt(n))
+    return float(1.0 + 2.0 * rho[1 : int(below[0]) if below.size else rho.size].sum())
+
+
+def _told(
+    names: Sequence[str], values: Array, covariance: Array, rig: Rig
+) -> tuple[tuple[Parameter, ...], Array]:
+    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    small = ("torque_offset", "viscous_positive")
+    keep = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
+    found = tuple(
+        Parameter(
+            names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
+            float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
+        )
+        for k in keep
+    )  # fmt: skip
+    return found, covariance[np.ix_(keep, keep)]
+
+
+def _correlation(covariance: Array) -> Array:
+    d = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return covariance / np.outer(d, d)

@@ -1,0 +1,124 @@
+"""Small disturbances of each equation along a simulated motion: how time carries them, and what the sensors show of them.
+
+Deviations of (w, I, x) from the simulated motion are linear in the disturbances, with the slopes that the bank uses
+(`transition.py`) taken at the simulated states. Nothing is estimated here.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.bank import transition as tr
+from observer_fi.learn.move_data import Experiment, commands
+from observer_fi.numerics.compile import compiled
+from observer_fi.physics import equations as a
+from observer_fi.physics import simulation as s
+from observer_fi.physics.rigs import Model
+from observer_fi.records import Array
+
+
+class Disturbance(NamedTuple):
+    """What may be disturbed: the equation it stands in, its name in words, and its unit."""
+
+    equation: str
+    name: str
+    unit: str
+
+
+DISTURBANCES = (
+    Disturbance("torque", "torque", "N m"),
+    Disturbance("torque", "torque against the motion", "N m"),
+    Disturbance("torque", "drag in proportion to the speed", "N m s/rad"),
+    Disturbance("electrical", "voltage in the winding", "V"),
+    Disturbance("electrical", "resistance of the winding", "ohm"),
+    Disturbance("electrical", "supply voltage", "V"),
+    Disturbance("servo", "commanded speed", "rad/s"),
+    Disturbance("servo", "commanded current", "A"),
+    Disturbance("kinematics", "speed of the mass", "m/s"),
+    Disturbance("kinematics", "share of the screw's travel", "1"),
+    Disturbance("contact", "torque of a stop", "N m"),
+    Disturbance("sensor:voltage", "voltage reading", "V"),
+    Disturbance("sensor:current", "current reading", "A"),
+    Disturbance("sensor:position", "position reading", "m"),
+)
+(
+    TORQUE, FRICTION, DRAG, WINDING, RESISTANCE, SUPPLY, SPEED_COMMAND, CURRENT_COMMAND, MASS_SPEED, TRAVEL, STOP,
+    VOLTAGE, CURRENT, POSITION,
+) = range(len(DISTURBANCES))  # fmt: skip
+_DEEPER = 1e-5  # m, step of the difference that gives a stop's slope
+
+
+class Linear(NamedTuple):
+    """The motion around the simulated one, N rows, D disturbances.
+
+    F (N, 7): `transition.motion_transition` from each row to the next; held (N,): friction holds the mass over that step;
+    H (N, 6): slopes of V by w, I, of i by w, I, of x by w, x. G (D, N, 3): what a unit of each of `DISTURBANCES` adds to w,
+    I, x by the next row; S (D, N, 3): what it adds to V, i, x.
+    """
+
+    F: Array
+    held: NDArray[np.bool_]
+    H: Array
+    G: Array
+    S: Array
+
+
+def linearised(experiment: Experiment, model: Model, states: Array) -> Linear:
+    """The linear system around the motion `states` (N, 12) of a model."""
+    n, d, p = experiment.t.size, len(DISTURBANCES), model.vector
+    dt = np.diff(experiment.t, append=experiment.t[-1])
+    dt[experiment.bounds[1:] - 1] = 0.0
+    linear = Linear(
+        np.zeros((n, 7)), np.zeros(n, dtype=np.bool_), np.zeros((n, 6)), np.zeros((d, n, 3)), np.zeros((d, n, 3))
+    )  # fmt: skip
+    late = np.ascontiguousarray(commands(experiment, p)[1][:, 0])
+    _fill(dt, states, late, experiment.theta, p, *linear)
+    return linear
+
+
+@compiled
+def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
+    for k in range(dt.size):
+        w, I, x, phi = states[k, s.W], states[k, s.I], states[k, s.X], states[k, s.PHI]
+        h, sag, c, t = states[k, s.H], states[k, s.SAG], states[k, s.LAGGED], dt[k]
+        d = a.indentation(x, p)
+        by_w, by_I, by_x, x_by_w, _, _, _, per_J = tr.motion_slopes(
+            w, I, x, d, phi, h, sag, w_cmd[k], theta[k], 0.0, p
+        )
+        if d != 0.0:
+            by_x -= (a.stop_torque(w, d + _DEEPER, p) - a.stop_torque(w, d, p)) / _DEEPER * per_J
+        _, _, _, H[k, 0], H[k, 1], _, H[k, 2], H[k, 3], _, H[k, 4], H[k, 5] = tr.readings(
+            w, I, x, h, sag, c, w_cmd[k], p, 1.0
+        )
+        held[k] = k + 1 < dt.size and w == 0.0 and states[k + 1, s.W] == 0.0
+        f = tr.motion_transition(by_w, by_I, by_x, 0.0, x_by_w, t)
+        for r in range(7):
+            F[k, r] = f[r]
+        _electrical(k, w, I, h, sag, w_cmd[k], p, S)
+        for kind in range(WINDING, CURRENT_COMMAND + 1):
+            push = p[a.KM] * per_J * S[kind, k, 1]
+            G[kind, k, 0] = tr.constant_transition(by_w, by_x, 0.0, push, 0.0, t)
+            V = p[a.RM] * (1.0 + h) * S[kind, k, 1]
+            S[kind, k, 0] += V
+            S[kind, k, 1] = a.current_reading(S[kind, k, 1], p) - a.current_reading(0.0, p)
+        G[SPEED_COMMAND, k, 1] = t
+        G[TORQUE, k, 0] = tr.constant_transition(by_w, by_x, 0.0, -per_J, 0.0, t)
+        G[FRICTION, k, 0] = a.sign_of(w) * G[TORQUE, k, 0]
+        G[DRAG, k, 0] = w * G[TORQUE, k, 0]
+        G[STOP, k, 0] = G[TORQUE, k, 0] if d != 0.0 else 0.0
+        G[MASS_SPEED, k, 2] = t
+        G[TRAVEL, k, 2] = t * a.mass_speed(w, d, 0.0, p)
+        S[VOLTAGE, k, 0], S[CURRENT, k, 1], S[POSITION, k, 2] = 1.0, 1.0, 1.0
+
+
+@compiled
+def _electrical(k, w, I, h, sag, w_cmd, p, S):
+    """Row k of S: current that a unit of each disturbance between servo and winding drives, and voltage besides R i."""
+    i_cmd = a.command_current(w, I, w_cmd, p)
+    i, _, _, by_limit = tr.driven(i_cmd, w, h, sag, p)
+    S[WINDING, k, 0], S[RESISTANCE, k, 0] = 1.0, i
+    S[WINDING, k, 1], S[RESISTANCE, k, 1] = -abs(by_limit), -abs(by_limit) * i
+    S[SUPPLY, k, 1] = by_limit
+    if i == i_cmd:
+        S[SPEED_COMMAND, k, 1], S[CURRENT_COMMAND, k, 1] = p[a.KP], 1.0

@@ -1,0 +1,433 @@
+"""Logs cut into moves, ready to be simulated open loop from the rest before each: the data side of every fit.
+
+The servo makes the closed loop stable, so each move is run from rest with real stick-slip and compared with what was
+measured. Two numbers per move are free: the current that holds the mass at rest and the mass position there.
+"""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
+from observer_fi.physics import equations as a
+from observer_fi.physics import simulation as s
+from observer_fi.physics.command import corners
+from observer_fi.physics.rigs import Model, Rig
+from observer_fi.physics.trapezoid import quarters
+from observer_fi.records import Array, Log, Segment
+
+REST_S = 0.05  # of the rest before a move: enough samples for its starting point
+TAIL_S = (
+    0.15  # after the command is back at zero: the stop, without the long rest in which nothing new is said
+)
+FINE_S = (
+    0.06  # after a corner of the command two integration steps a sample: saturation begins and ends there
+)
+_UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
+_PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
+_REST_DOUBT = 2.0  # standard errors of the mean of a rest
+_SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
+_FIXED_POINT_STEPS = 8
+_WORTH_LANES = 3  # models at once that cost less side by side than one after another
+_FEWEST = 100  # settled samples for an estimate of the noise
+_NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """M moves of one or more logs, N samples in all, move m in rows bounds[m]:bounds[m + 1].
+
+    t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the
+    noise, 0 where missing; fine (N,); log (M,) index of the log; start (M,) row of its log; peak (M,) rad/s and
+    pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current [A] and
+    position [m] at rest; noise (3,). doubts: per move, what a reversal
+    leaves open. knots: per log, times and values of the commanded speed. history: per log, time
+    and current on the whole log, for the slow states.
+    """
+
+    t: Array
+    theta: Array
+    z: Array
+    weight: Array
+    fine: NDArray[np.bool_]
+    bounds: NDArray[np.int64]
+    log: NDArray[np.int64]
+    start: NDArray[np.int64]
+    moving: NDArray[np.int64]
+    peak: Array
+    pitch: Array
+    before: Array
+    rest: Array
+    noise: Array
+    doubts: tuple[Doubt, ...]
+    knots: tuple[tuple[Array, Array], ...]
+    history: tuple[tuple[Array, Array], ...]
+    accel: float
+    steps: int = 2
+
+    @property
+    def moves(self) -> int:
+        """Number of moves."""
+        return self.peak.size
+
+    @property
+    def nuisance_std(self) -> Array:
+        """(M, 2) how far the rest current [A] and position [m] may be from what was measured before the move."""
+        std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(self.moving, 1))[:, None]
+        std[self.before == 0.0, 1] = _UNKNOWN_PLAY
+        return std
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """(N,) the move that a row belongs to."""
+        return np.repeat(np.arange(self.moves), np.diff(self.bounds))
+
+    def rows(self, move: int) -> slice:
+        """Rows of one move."""
+        return slice(int(self.bounds[move]), int(self.bounds[move + 1]))
+
+
+def cut_moves(log: Log) -> tuple[Segment, ...]:
+    """Moves of a log from its commanded speed; the rests between them are shared out at `Segment`'s bounds."""
+    moving = np.concatenate(([False], np.abs(log.w_cmd) > 0.0, [False])).astype(np.int8)
+    edges = np.diff(moving)
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    starts = np.maximum(starts - 1, 0)
+    moves = []
+    for k, (start, stop) in enumerate(zip(starts, stops, strict=True)):
+        rest = int(stops[k - 1]) if k else 0
+        end = int(starts[k + 1]) if k + 1 < starts.size else log.t.size
+        middle = (start + stop) // 2
+        pitch = float(np.nanmean(log.pitch[start:stop]))
+        moves.append(Segment(rest, int(start), int(stop), end, float(log.w_cmd[middle]), pitch))
+    return tuple(moves)
+
+
+def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
+    """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
+    estimates = []
+    for log in logs:
+        settled = _since(log.t, np.diff(log.w_cmd, append=log.w_cmd[-1]) != 0.0)[1:-1] > _SETTLED_S
+        second = np.abs(np.diff(log.z, 2, axis=0))[settled]
+        estimates.append([_white_std(second[:, c]) for c in range(3)])
+    rms = np.array(estimates)
+    found = np.array([np.median(y[np.isfinite(y)]) if np.isfinite(y).any() else np.nan for y in rms.T])
+    return np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * rig.noise_std), rig.noise_std)
+
+
+def _white_std(second: Array) -> float:
+    """Standard deviation of white noise from the sizes of its second differences, without outliers."""
+    y = second[np.isfinite(second)]
+    if y.size < _FEWEST:
+        return math.nan
+    usual = y <= 5.9 * np.median(y)  # four standard deviations
+    return float(np.sqrt(np.mean(y[usual] ** 2) / 6.0))
+
+
+def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:
+    """Moves of several logs as one experiment. moves: per log, by default from `cut_moves`.
+
+    A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
+    """
+    cut = [cut_moves(log) for log in logs] if moves is None else moves
+    accel = rig.model["accel_cmd"]
+    noise = noise_of(logs, rig)
+    every = [
+        _part(log, k, m, segments, noise, rig.model)
+        for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
+        for m in range(len(segments))
+    ]
+    parts = [part for part in every if part is not None]
+    if not parts:
+        raise InvalidLogError(
+            f"{logs[0].path}: no move that begins from a rest, nothing to fit; record moves, and the rest before each"
+        )
+    rows = [p["t"].size for p in parts]
+    stacked: dict[str, Any] = {
+        name: np.concatenate([p[name] for p in parts]) for name in ("t", "theta", "z", "weight", "fine")
+    }
+    each: dict[str, Any] = {
+        name: np.array([p[name] for p in parts])
+        for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
+    }
+    return Experiment(
+        **stacked,
+        **each,
+        bounds=np.concatenate(([0], np.cumsum(rows))).astype(np.int64),
+        noise=noise,
+        doubts=tuple(p["doubt"] for p in parts),
+        knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
+        history=tuple((log.t, _filled(log.z[:, 1])) for log in logs),
+        accel=accel,
+    )
+
+
+def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
+    """The experiment with some of its moves only, in the given order."""
+    rows = np.concatenate([np.arange(experiment.bounds[m], experiment.bounds[m + 1]) for m in moves])
+    sizes = [int(experiment.bounds[m + 1] - experiment.bounds[m]) for m in moves]
+    k = np.asarray(moves)
+    return replace(
+        experiment,
+        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine")},
+        **{
+            name: getattr(experiment, name)[k]
+            for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
+        },
+        bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
+        doubts=tuple(experiment.doubts[m] for m in moves),
+    )
+
+
+def whitened(experiment: Experiment, r: Array) -> Array:
+    """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
+    for m, doubt in enumerate(experiment.doubts):
+        less_doubt(r[experiment.rows(m)], doubt)
+    return r
+
+
+def unwhitened(experiment: Experiment, r: Array) -> Array:
+    """Normalised residuals or columns (N, 3) as they were before `whitened`."""
+    r = r.copy()
+    for m, doubt in enumerate(experiment.doubts):
+        less_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
+    return r
+
+
+def _part(
+    log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array, model: Model
+) -> dict | None:
+    """One move as rows of an experiment, or None where it has no rest to start from."""
+    segment = segments[m]
+    dt = float(np.median(np.diff(log.t)))
+    rest = max(segment.rest, segment.start - round(REST_S / dt), 0)
+    end = min(segment.end, segment.stop + round(TAIL_S / dt), log.t.size)
+    still = log.z[rest : segment.start]
+    if segment.start - rest < 4 or np.isnan(still[:, 1:]).all(axis=0).any():
+        return None
+    z = log.z[rest:end]
+    missing = np.isnan(z)
+    weight = np.where(missing, 0.0, 1.0 / noise)
+    if m == 0:
+        weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
+    w_cmd = log.w_cmd[rest:end]
+    corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
+    since = _since(log.t[rest:end], corner)
+    gapless = np.stack([_filled(channel) for channel in z.T], axis=1)
+    brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
+    return {
+        "t": log.t[rest:end],
+        "theta": np.nan_to_num(log.pitch[rest:end]),
+        "z": np.where(missing, 0.0, z),
+        "weight": weight,
+        "fine": since < FINE_S,
+        "log": number,
+        "start": rest,
+        "moving": segment.start - rest,
+        "peak": segment.peak,
+        "pitch": segment.pitch,
+        "before": float(np.sign(segments[m - 1].peak)) if m else 0.0,
+        "rest": np.nanmean(still[:, 1:], axis=0),
+        "doubt": doubt_of(log.t[rest:end], gapless, weight, brake, model),
+    }
+
+
+def _since(t: Array, corner: NDArray[np.bool_]) -> Array:
+    """Time since the command last changed, or until just before it does [s]."""
+    last = np.maximum.accumulate(np.where(corner, np.arange(t.size), -1))
+    return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
+
+
+def _filled(y: Array) -> Array:
+    """y with missing samples interpolated."""
+    bad = np.isnan(y)
+    if not bad.any():
+        return y
+    k = np.arange(y.size)
+    return np.interp(k, k[~bad], y[~bad]) if not bad.all() else np.zeros_like(y)
+
+
+def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
+    """(M,) relative resistance rise and sag [V] at the start of every move, from the current measured before it."""
+    h, sag = np.zeros(experiment.moves), np.zeros(experiment.moves)
+    if p[a.EXTENDED] == 0.0:
+        return h, sag
+    for k, (t, i) in enumerate(experiment.history):
+        dt = float(np.median(np.diff(t)))
+        here = experiment.log == k
+        rows = experiment.start[here]
+        if p[a.HEATING_RISE] != 0.0:
+            h[here] += p[a.HEATING_RISE] * (1.0 - np.exp((t[0] - t[rows]) / p[a.HEATING_TIME]))
+        if p[a.HEATING_GAIN] != 0.0:
+            noise = experiment.noise[1] ** 2  # the mean square of the noise is not heat
+            h[here] += p[a.HEATING_GAIN] * p[a.RM] * _leaky(i * i - noise, dt, p[a.HEATING_TIME])[rows]
+        if p[a.SAG_RESISTANCE] != 0.0:
+            sag[here] = p[a.SAG_RESISTANCE] / p[a.SAG_TIME] * _leaky(np.abs(i), dt, p[a.SAG_TIME])[rows]
+    return h, sag
+
+
+def _leaky(u: Array, dt: float, time: float) -> Array:
+    """Integral of u that leaks with a time constant [u s]: the value before each sample is added."""
+    keep = math.exp(-dt / time)
+    total = lfilter([dt], [1.0, -keep], u)
+    return np.concatenate(([0.0], total[:-1]))
+
+
+def commands(experiment: Experiment, p: Array) -> tuple[Array, Array]:
+    """Command, and command as the servo's proportional path sees it, at the quarters of every interval, (N, 4) each."""
+    delay, late, accel = _delays(p)
+    now = _commands(experiment, delay, accel)
+    return now, (_commands(experiment, delay + late, accel) if late else now)
+
+
+def _delays(p: Array) -> tuple[float, float, float]:
+    """What of a parameter vector changes the commands: delay, delay of the proportional path [s], limit [rad/s^2]."""
+    if p[a.EXTENDED] == 0.0:
+        return 0.0, 0.0, math.inf
+    return float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]), float(p[a.SERVO_DELAY]), float(p[a.ACCEL_LIMIT])
+
+
+def _commands(experiment: Experiment, delay: float, accel: float) -> Array:
+    parts = []
+    for m in range(experiment.moves):
+        knots, values = experiment.knots[experiment.log[m]]
+        t = experiment.t[experiment.rows(m)]
+        k0 = max(int(np.searchsorted(knots, t[0] - max(delay, 0.0))) - 2, 0)
+        k1 = int(np.searchsorted(knots, t[-1] - min(delay, 0.0))) + 2
+        parts.append(quarters(t, knots[k0:k1], values[k0:k1], delay, accel))
+    return np.concatenate(parts)
+
+
+def simulate(
+    experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
+) -> Array:
+    """Readings (N, 3) of the model over every move: V, i, x.
+
+    nuisance: (M, 2) what to add to the measured rest current [A] and rest position [m]. ready: `commands` for the
+    same delays, where they are at hand.
+    """
+    return run(experiment, model, nuisance, ready)[1]
+
+
+def run(
+    experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """States (N, 12) with the columns of `simulate.run`, and readings (N, 3)."""
+    p = model.vector
+    now, late = commands(experiment, p) if ready is None else ready
+    states = np.empty((experiment.t.size, s.COLUMNS))
+    y = np.empty((experiment.t.size, 3))
+    starts = _starts(experiment, p, nuisance)
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        t = experiment.t[rows]
+        if m:
+            _carry_play(experiment, m, p, starts, states[rows.start - 1])
+        s.run(
+            t,
+            now[rows],
+            late[rows],
+            experiment.fine[rows],
+            experiment.theta[rows],
+            p,
+            starts[m],
+            states[rows],
+            experiment.steps,
+        )
+        s.readings(t, states[rows], p, y[rows])
+    return states, y
+
+
+def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: Array) -> None:
+    """Into the start of move m: the stop before leaves the play somewhere between its ends. last: the states there."""
+    if experiment.log[m] == experiment.log[m - 1]:
+        play = p[a.BACKLASH] != 0.0
+        x = starts[m, s.MASS] + last[s.X] - last[s.MASS]
+        starts[m, s.X] = np.where(play, x, starts[m, s.X])
+        starts[m, s.PHI] = np.where(play, x / p[a.D], starts[m, s.PHI])
+
+
+def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array]) -> Array:
+    """As `simulate` for k models with a nuisance (M, 2) each: readings (k, N, 3), side by side where their steps agree."""
+    y = np.empty((len(models), experiment.t.size, 3))
+    alike: dict[Any, list[int]] = {}
+    for k, model in enumerate(models):
+        alike.setdefault((_delays(model.vector), s.paced(model.vector)), []).append(k)
+    batches = [some[at : at + s.LANES] for some in alike.values() for at in range(0, len(some), s.LANES)]
+
+    def fill(batch: list[int]) -> None:
+        ready = commands(experiment, models[batch[0]].vector)
+        if len(batch) >= _WORTH_LANES:
+            _side_by_side(
+                experiment, [models[k].vector for k in batch], [nuisances[k] for k in batch], ready, y, batch
+            )
+            return
+        for k in batch:
+            y[k] = run(experiment, models[k], nuisances[k], ready)[1]
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(fill, batches))
+    return y
+
+
+def _side_by_side(
+    experiment: Experiment, vectors: Sequence[Array], nuisances: Sequence[Array], ready: tuple[Array, Array], y: Array,
+    at: Sequence[int],
+) -> None:  # fmt: skip
+    """Readings of at most LANES parameter vectors into y[at]; lanes without one repeat the last."""
+    each = [_starts(experiment, p, nuisance) for p, nuisance in zip(vectors, nuisances, strict=True)]
+    lane = [min(k, len(vectors) - 1) for k in range(s.LANES)]
+    starts, p = np.stack([each[k] for k in lane], axis=-1), np.stack([vectors[k] for k in lane], axis=-1)
+    last = np.empty(0)
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        if m:
+            _carry_play(experiment, m, p, starts, last)
+        states = np.zeros((rows.stop - rows.start, s.COLUMNS, s.LANES))
+        s.run_lanes(
+            experiment.t[rows], ready[0][rows], ready[1][rows], experiment.fine[rows], experiment.theta[rows], p, vectors[0],
+            starts[m], states, experiment.steps,
+        )  # fmt: skip
+        last = states[-1]
+        apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
+        for k, own, vector in zip(at, apart, vectors, strict=True):
+            s.readings(experiment.t[rows], own, vector, y[k, rows])
+
+
+def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:
+    """(M, 8) states at the start of every move, at rest."""
+    starts = np.zeros((experiment.moves, len(s.STATES)))
+    i = experiment.rest[:, 0] + nuisance[:, 0]
+    x = experiment.rest[:, 1] + nuisance[:, 1]
+    # The rest current is what the sensor shows; the plant has the current behind offset and gain.
+    extended = p[a.EXTENDED] != 0.0
+    true_i = (i - p[a.CURRENT_OFFSET]) / p[a.CURRENT_GAIN] if extended else i
+    true_x = _behind_sensor(x, p) if extended else x
+    before = np.where(experiment.before != 0.0, experiment.before, np.sign(experiment.peak))
+    starts[:, s.I] = true_i / p[a.KI]
+    starts[:, s.LAGGED] = true_i
+    starts[:, s.MASS] = true_x
+    starts[:, s.X] = true_x + (0.5 * p[a.BACKLASH] * before if extended else 0.0)
+    # On which side of the play a log begins is unknown: what is free there is the screw, not the mass.
+    first = experiment.before == 0.0
+    starts[first, s.MASS] -= nuisance[first, 1]
+    starts[:, s.PHI] = starts[:, s.X] / p[a.D]
+    starts[:, s.H], starts[:, s.SAG] = _slow_start(experiment, p)
+    return starts
+
+
+def _behind_sensor(reading: Array, p: Array) -> Array:
+    """Position whose reading at rest is `reading` [m], by fixed point: periodic errors are small and smooth."""
+    x = reading.copy()
+    for _ in range(_FIXED_POINT_STEPS):
+        turn = 2.0 * math.pi * x / p[a.POSITION_PERIOD]
+        error = p[a.POSITION_SIN] * np.sin(turn) + p[a.POSITION_COS] * (np.cos(turn) - 1.0)
+        x = (reading - error) / p[a.POSITION_GAIN]
+    return x

@@ -1,0 +1,119 @@
+"""Doubt in the speed after a reversal: friction may hold the mass there for a moment that nobody can foresee.
+
+When the speed passes zero under a torque that friction could not hold for long, a real mass, a servo between two
+ticks, and every simulation of them stand still for up to some microseconds. What follows is the loop's free
+response to a small step in speed, of unknown size. It is known in shape, so it is projected out (damped by a prior)
+instead of leaving out the stop:
+
+    cov of the normalised readings of a move = 1 + sum over reversals b b',   r -> (1 + B B')^-1/2 r
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.physics.rigs import Model
+from observer_fi.records import Array
+
+# s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.
+_HELD_S = 1e-4
+CAUGHT_A = (
+    2e-3  # 1-sigma of the current in the rest after a stop: it depends on the instant when friction catches
+)
+_LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the noise
+_ROWS = 3  # samples on either side of a reversal that tell its slope: ten times the slope's noise at `_LEAST`
+_APART_S = 5e-3
+_FULL = 0.98  # of the highest voltage seen: the supply is at its limit
+_TERMS = 12  # of a series whose terms fall by ten or more each
+_STILL = 3.0  # rad/s: five times the noise of the measured speed
+
+
+class Doubt(NamedTuple):
+    """Directions of one move's stop: first row within the move, orthonormal (K, 3 n), and the share taken of each.
+
+    kicks: row within the move and standard deviation of the step in speed [rad/s] at every reversal; still: the row from
+    which friction holds the mass, and the current is open by `CAUGHT_A`.
+    """
+
+    first: int
+    directions: Array
+    share: Array
+    kicks: tuple[tuple[int, float], ...] = ()
+    still: int = 0
+
+
+def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
+    """Doubt in the readings z (n, 3), without gaps, of one move at t (n,); from the row `brake` on the command falls."""
+    w = (z[:, 0] - model["Rm"] * z[:, 1]) / model["Km"]
+    fast = np.flatnonzero(np.abs(_smooth(w)) > _STILL)
+    kicks = _reversals(t, w, brake)
+    if not kicks or not fast.size:
+        return Doubt(t.size, np.empty((0, 0)), np.empty(0), (), t.size)
+    still = t[fast[-1]]
+    steps = tuple((int(np.searchsorted(t, at)), _HELD_S * abs(slope)) for at, slope in kicks)
+    source = np.abs(z[:, 0] + model["Rs"] * z[:, 1])
+    full = source > _FULL * max(float(source.max()), model["Vmax"])
+    first = int(np.searchsorted(t, kicks[0][0]))
+    t, weight, full = t[first:], weight[first:], full[first:]
+    caught = np.where(t > still, CAUGHT_A, 0.0)[:, None] * np.array([model["Rm"], 1.0, 0.0])
+    speeds = [_HELD_S * slope * _response(t - at, still - at, full, model) for at, slope in kicks]
+    B = np.array([*speeds, caught]) * weight
+    _, size, v = np.linalg.svd(B.reshape(len(B), -1), full_matrices=False)
+    share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
+    return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
+
+
+def less_doubt(r: Array, doubt: Doubt) -> None:
+    """Whitens normalised residuals or columns (n, 3) of one move in place."""
+    part = r[doubt.first :]
+    part -= ((doubt.share * (doubt.directions @ part.ravel())) @ doubt.directions).reshape(part.shape)
+
+
+def _smooth(w: Array) -> Array:
+    return np.convolve(w, np.ones(_ROWS) / _ROWS, mode="same")
+
+
+def _reversals(t: Array, w: Array, brake: int) -> list[tuple[float, float]]:
+    """Time and acceleration [rad/s^2] of every reversal from the row `brake` on."""
+    found: list[tuple[float, float]] = []
+    sign = np.signbit(_smooth(w))
+    for k in np.flatnonzero(sign[1:] != sign[:-1]):
+        near = slice(k - _ROWS + 1, k + _ROWS + 1)
+        if k < brake + _ROWS or k + _ROWS >= t.size or (found and t[k] - found[-1][0] < _APART_S):
+            continue
+        slope, level = np.polyfit(t[near] - t[k], w[near], 1)
+        if abs(slope) > _LEAST:
+            found.append((float(t[k] - level / slope), float(slope)))
+    return found
+
+
+def _response(since: Array, still: float, full: NDArray[np.bool_], model: Model) -> Array:
+    """(n, 3) V, i, x after a step of 1 rad/s in the speed at `since` = 0, zero before.
+
+    J dw' = Km di, dI' = -dw, dx' = D dw; di = Ki dI - Kp dw, and -Km dw/R where the supply is at its limit (full).
+    still: when friction holds the mass for good [s].
+    """
+    Rm, Km, D, Kp, Ki, J = (model[name] for name in ("Rm", "Km", "D", "Kp", "Ki", "J"))
+    current = (np.array([-Kp, Ki, 0.0]), np.array([-Km / (Rm + model["Rs"]), 0.0, 0.0]))
+    rates = [np.array([Km / J * di, [-1.0, 0.0, 0.0], [D, 0.0, 0.0]]) for di in current]
+    steps = [_exponential(A * float(np.median(np.diff(since)))) for A in rates]
+    first = int(np.searchsorted(since, 0.0))
+    y = np.zeros((since.size, 3))
+    state = _exponential(rates[int(full[first])] * since[first])[:, 0].copy()
+    for k in range(first, since.size):
+        if since[k] > still:
+            state[0] = 0.0
+        di = current[int(full[k])] @ state
+        y[k] = Rm * di + Km * state[0], di, state[2]
+        state = state if since[k] > still else steps[int(full[k])] @ state
+    return y
+
+
+def _exponential(A: Array) -> Array:
+    """exp(A) for a matrix well below one, as of a sampling interval, by its series."""
+    total = term = np.eye(len(A))
+    for k in range(1, _TERMS):
+        term = term @ A / k
+        total = total + term
+    return total

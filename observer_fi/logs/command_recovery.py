@@ -1,0 +1,260 @@
+"""The commanded speed of a log that does not hold it, from voltage and current.
+
+Equation 3 without saturation, i = Kp e + Ki int e with e = w_cmd - w, is a high-pass filter from i to e with
+the time constant Kp / Ki (2.4 ms for the paper's rig). So w + e is the command, except in saturation and a
+few time constants after it. The trapezoid through it has levels, where w + e stands still, and ramps of known
+acceleration between them.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs.moves import saturated
+from observer_fi.physics.rigs import Model
+from observer_fi.records import Array, Log
+
+BLOCK_S = 0.005
+FEWEST_IN_BLOCK = 4
+RECOVERY_TIMES = 5.0  # of Kp / Ki after saturation, until the filter has forgotten the wound-up integral
+SAME_LEVEL = 0.05  # relative: a wrong Rm shifts w by this much while the current rings
+NOISE_FLOOR = 0.2  # rad/s: commands are not finer than this
+SIGMAS = 6.0
+BEGIN_S = 0.2
+LONG_HOLE = 4  # samples
+RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
+STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
+RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
+
+Mask = NDArray[np.bool_]
+
+
+class _Level(NamedTuple):
+    """Samples [first, last] over which w + e stands still at `seen`, for a command of `speed` [rad/s]."""
+
+    first: int
+    last: int
+    seen: float
+    speed: float
+
+
+ABSENT = "speed_cmd_rad_s is absent"
+
+
+def with_command(log: Log, model: Model) -> Log:
+    """`log` as it is, or with its command recovered where it holds none."""
+    missing = not log.w_cmd.any() and any(note.startswith(ABSENT) for note in log.notes)
+    return recover_command(log, model) if missing else log
+
+
+def recover_command(log: Log, model: Model) -> Log:
+    """`log` with `w_cmd` recovered, and a note that says so.
+
+    Moves that hold their speed for less than two blocks of 5 ms are not seen. Raises InvalidLogError where
+    neither voltage nor encoder tell the speed, UsageError where the model has no motor. Without a servo in the model
+    the speed itself, where it settles, stands for the command.
+    """
+    if not model["Km"] > 0.0:
+        raise UsageError(
+            f"{log.path}: column speed_cmd_rad_s is missing and cannot be recovered without Km in the rig; "
+            "log it, or give the rig of a motor with --rig"
+        )
+    has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
+    command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
+    noise = _noise(command[known])
+    levels = _levels(log.t, command, known, noise)
+    if not levels:
+        raise InvalidLogError(
+            f"{log.path}: column speed_cmd_rad_s is missing and voltage and current never settle "
+            "to a speed; log it"
+        )
+    levels = _with_rests(levels, command, known, log, model)
+    w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
+    moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
+    note = f"{ABSENT}: recovered from voltage and current, {moves} starts"
+    notes = tuple(old for old in log.notes if not old.startswith(ABSENT))
+    return replace(log, w_cmd=w_cmd, notes=(*notes, note))
+
+
+def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:
+    """(n,) w + e [rad/s], the command as the servo's current shows it, and where it can be believed."""
+    i = log.z[:, 1]
+    w, seen = motor_speed(log, model)
+    step = float(np.median(np.diff(log.t)))
+    tau = model["Kp"] / model["Ki"]
+    i = np.interp(log.t, log.t[seen], i[seen])
+    e = _high_passed(i, step, tau) / model["Kp"]
+    blind = saturated(log.z, model) | _long(~seen)
+    wait = int(np.ceil(RECOVERY_TIMES * tau / step))
+    index = np.arange(log.t.size)
+    last_blind = np.maximum.accumulate(np.where(blind, index, -wait - 1))
+    return w + e, seen & (index - last_blind > wait)
+
+
+def motor_speed(log: Log, model: Model) -> tuple[Array, Mask]:
+    """(n,) speed of the motor [rad/s], 0 where it is not known, and where it is. Raises InvalidLogError."""
+    w = _speed(log, model)
+    seen = np.isfinite(log.z[:, 1]) & np.isfinite(w)
+    if np.count_nonzero(seen) < 2:
+        raise InvalidLogError(
+            f"{log.path}: column speed_cmd_rad_s is missing; without it voltage_v (or encoder_rad) and "
+            "current_a are needed; log one of them"
+        )
+    return np.where(seen, w, 0.0), seen
+
+
+def _long(missing: Mask) -> Mask:
+    """Holes of `LONG_HOLE` samples and more, which interpolation of the current cannot bridge."""
+    full = np.convolve(missing, np.ones(LONG_HOLE), mode="full")[LONG_HOLE - 1 :] >= LONG_HOLE
+    return np.convolve(full, np.ones(LONG_HOLE), mode="full")[: missing.size] > 0.0
+
+
+def _speed(log: Log, model: Model) -> Array:
+    """Motor speed: equation 16, or the rate of the encoder where there is no voltage."""
+    w = (log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"]
+    if np.isfinite(w).any() or log.encoder is None:
+        return w
+    return np.gradient(log.encoder, log.t)
+
+
+def _high_passed(i: Array, step: float, tau: float) -> Array:
+    """s / (s + 1 / tau) applied to i, taken as linear between samples."""
+    decay = np.exp(-step / tau)
+    taps = int(np.ceil(20.0 * tau / step)) + 1
+    kernel = (1.0 - decay) * tau / step * decay ** np.arange(taps)
+    return np.convolve(np.diff(i, prepend=i[0]), kernel)[: i.size]
+
+
+def _noise(command: Array) -> float:
+    """Standard deviation of one sample [rad/s], from differences, so that ramps do not count."""
+    if command.size < 2:
+        return NOISE_FLOOR
+    return max(NOISE_FLOOR, 1.05 * float(np.median(np.abs(np.diff(command)))))
+
+
+def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[_Level]:
+    """Stretches where the command stands still, neighbours of the same speed joined."""
+    step = float(np.median(np.diff(t)))
+    size = max(FEWEST_IN_BLOCK, round(BLOCK_S / step))
+    blocks = t.size // size
+    values = np.where(known, command, np.nan)[: blocks * size].reshape(blocks, size)
+    whole = np.isfinite(values).sum(axis=1) > size // 2
+    middle = np.full(blocks, np.nan)
+    middle[whole] = np.nanmedian(values[whole], axis=1)
+    flat = np.flatnonzero(whole)[
+        (np.nanmax(values[whole], axis=1) - np.nanmin(values[whole], axis=1)) < SIGMAS * noise
+    ]
+    found: list[list[int]] = []
+    for b in flat:
+        if (
+            found
+            and b == found[-1][-1] + 1
+            and _same(middle[b], float(np.median(middle[found[-1][-20:]])), noise)
+        ):
+            found[-1].append(int(b))
+        else:
+            found.append([int(b)])
+    stretches = [run for run in found if len(run) > 1]
+    return _joined(
+        [_Level(s[0] * size, (s[-1] + 1) * size - 1, 0.0, 0.0) for s in stretches], command, known, t, noise
+    )
+
+
+def _same(a: float, b: float, noise: float) -> bool:
+    return abs(a - b) < max(SIGMAS * noise, SAME_LEVEL * max(abs(a), abs(b)))
+
+
+def _joined(stretches: list[_Level], command: Array, known: Mask, t: Array, noise: float) -> list[_Level]:
+    """Neighbours of the same speed as one, at the median of their samples; crests of ringing are dropped."""
+    stretches = [_measured([s], command, known) for s in stretches]
+    top = max((abs(s.seen) for s in stretches), default=0.0)
+    groups: list[list[_Level]] = []
+    for k, stretch in enumerate(stretches):
+        short = t[stretch.last] - t[stretch.first] < RINGING_S
+        beside = [stretches[n].seen for n in (k - 1, k + 1) if 0 <= n < len(stretches)]
+        if short and any(abs(stretch.seen - seen) < RINGING_SHARE * top for seen in beside):
+            continue
+        longest = max(groups[-1], key=lambda s: s.last - s.first) if groups else stretch
+        if groups and _same(stretch.seen, longest.seen, noise):
+            groups[-1].append(stretch)
+        else:
+            groups.append([stretch])
+    return [_measured(group, command, known) for group in groups]
+
+
+def _measured(group: list[_Level], command: Array, known: Mask) -> _Level:
+    samples = np.concatenate([command[s.first : s.last + 1][known[s.first : s.last + 1]] for s in group])
+    seen = float(np.median(samples))
+    return _Level(group[0].first, group[-1].last, seen, seen)
+
+
+def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, model: Model) -> list[_Level]:
+    """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest."""
+    noise = _noise(command[known])
+    top = max(abs(level.seen) for level in levels)
+    rests = [_is_rest(level, top, log, model, noise) for level in levels]
+    found = []
+    for k, level in enumerate(levels):
+        before = levels[k - 1].seen if k > 0 and rests[k - 1] else 0.0
+        after = levels[k + 1].seen if k + 1 < len(levels) and rests[k + 1] else before
+        seen = level.seen
+        if abs(after - before) > 3.0 * noise:  # a sensor changed on the way: believe the begin of the level
+            begin = log.t[level.first : level.last + 1] < log.t[level.first] + BEGIN_S
+            part = command[level.first : level.last + 1][begin & known[level.first : level.last + 1]]
+            seen = float(np.median(part)) if part.size else seen
+        bias = before if abs(before) > 3.0 * noise else 0.0
+        found.append(level._replace(speed=0.0 if rests[k] else seen - bias))
+    return found
+
+
+def _is_rest(level: _Level, top: float, log: Log, model: Model, noise: float) -> bool:
+    """A speed within the noise, or a low one that a biased sensor shows while the position is constant."""
+    if abs(level.seen) < 3.0 * noise:
+        return True
+    quarter = max((level.last - level.first) // 4, 1)
+    x = log.z[level.first : level.last + 1, 2]
+    head, tail = x[:quarter][np.isfinite(x[:quarter])], x[-quarter:][np.isfinite(x[-quarter:])]
+    if abs(level.seen) > RINGING_SHARE * top or not head.size or not tail.size:
+        return False
+    seconds = 0.75 * float(log.t[level.last] - log.t[level.first])
+    error = float(np.sqrt(head.var() / head.size + tail.var() / tail.size))
+    moved = abs(float(tail.mean() - head.mean()))
+    return moved < 0.3 * model["D"] * abs(level.seen) * seconds + 3.0 * error
+
+
+def _trapezoid(
+    t: Array, command: Array, known: Mask, levels: list[_Level], noise: float, accel: float
+) -> Array:
+    """(n,) the piecewise linear command through the levels, with ramps of `accel` between them."""
+    knots, speeds = [float(t[0])], [levels[0].speed]
+    for a, b in zip(levels[:-1], levels[1:], strict=True):
+        ramp = abs(b.speed - a.speed) / accel
+        begin = max(_onset(t, command, known, a, b, noise, accel), knots[-1])
+        knots += [begin, begin + ramp]
+        speeds += [a.speed, b.speed]
+    return np.interp(t, knots, speeds)
+
+
+def _onset(t: Array, command: Array, known: Mask, a: _Level, b: _Level, noise: float, accel: float) -> float:
+    """Time at which the ramp from level a to level b begins, from the samples on the ramp [s]."""
+    window = slice(a.last, max(b.first, a.last + 1) + 1)
+    t, known = t[window], known[window]
+    rise = abs(b.seen - a.seen)
+    ramp = rise / accel
+    share = (command[window] - a.seen) * np.sign(b.seen - a.seen)
+    left = known & (share > SIGMAS * noise)
+    on_ramp = left & (share < rise - SIGMAS * noise)
+    if on_ramp.any():
+        on_ramp &= t < t[np.argmax(on_ramp)] + ramp
+        return float(np.median(t[on_ramp] - share[on_ramp] / accel))
+    there = int(np.argmax(left)) if left.any() else t.size - 1
+    at_level = np.flatnonzero(known[:there])
+    last = float(t[at_level[-1]]) if at_level.size else float(t[0])
+    if abs(b.speed) < abs(
+        a.speed
+    ):  # after a stall the supply is freed by the brake, so that is late in the hole
+        return max(last, float(t[there]) - ramp)
+    return 0.5 * (last + min(float(t[there]), last + float(t[1] - t[0])))

@@ -1,0 +1,137 @@
+"""A file of samples becomes a Log. `read_log` reads it whole, `open_log` chunk by chunk in bounded memory."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from observer_fi.logs.cleaning import Summary, Tally, cleaned, summary
+from observer_fi.logs.columns import COLUMNS, PLAIN, ColumnMap, load_columns
+from observer_fi.logs.formats.registry import SUFFIXES, open_table
+from observer_fi.logs.tables import Block, Table
+from observer_fi.records import Array, Log
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "ColumnMap",
+    "LogFile",
+    "Summary",
+    "load_columns",
+    "log_from_frame",
+    "log_name",
+    "open_log",
+    "read_log",
+]
+
+CHUNK_ROWS = 1 << 16
+
+
+class LogFile:
+    """An opened log. Opening reads the header; samples come with `chunks`, the summary after the last one."""
+
+    def __init__(self, path: str | Path, column_map: ColumnMap) -> None:
+        self.path = str(path)
+        self._map = column_map
+        self._table = open_table(self.path, column_map)
+        self._summary: Summary | None = None
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file as it lies on disk."""
+        with open(self.path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the contract that the file holds."""
+        return self._table.columns
+
+    @property
+    def has_command(self) -> bool:
+        """Whether the commanded speed is in the file; if not, `w_cmd` is NaN until it is recovered."""
+        return "speed_cmd_rad_s" in self.columns
+
+    @property
+    def metadata(self) -> tuple[str, ...]:
+        """Lines before the header, or properties of the file."""
+        return self._table.metadata
+
+    @property
+    def summary(self) -> Summary:
+        """Gaps, rejected samples and notes of the whole file. Raises RuntimeError before the last chunk."""
+        if self._summary is None:
+            raise RuntimeError(f"{self.path}: the summary exists after the last chunk was read, not before")
+        return self._summary
+
+    def chunks(self, rows: int = CHUNK_ROWS) -> Iterator[Log]:
+        """The file as Logs of about `rows` samples, in order, each with its own gaps and rejected samples.
+
+        Raises InvalidLogError; for a fault deep in the file only when its chunk is reached.
+        """
+        tally = Tally(self.path, self._map, self._table)
+        yield from cleaned(self._table.blocks(rows), tally)
+        self._summary = summary(tally)
+
+
+def open_log(path: str | Path, column_map: ColumnMap | None = None) -> LogFile:
+    """The log file, ready to be read in chunks. Raises InvalidLogError with the one line for the user."""
+    return LogFile(path, column_map or PLAIN)
+
+
+def read_log(path: str | Path, column_map: ColumnMap | None = None) -> Log:
+    """The whole file as one Log. Raises InvalidLogError with the one line for the user."""
+    file = open_log(path, column_map)
+    logs = list(file.chunks())
+    return replace(_joined(logs, file.summary), sha256=file.sha256)
+
+
+def log_name(path: str | Path) -> str:
+    """The file name without the suffix of its format: what reports are filed under."""
+    name = Path(path).name
+    return next((name[: -len(suffix)] for suffix in SUFFIXES if name.lower().endswith(suffix)), name)
+
+
+def log_from_frame(frame: "pd.DataFrame", path: str = "frame") -> Log:
+    """A DataFrame with the columns of the contract as a Log; pandera checks its columns and types first."""
+    from observer_fi.logs.frame_schema import checked
+
+    frame = checked(frame, path)
+    values = {name: frame[name].to_numpy(dtype=np.float64) for name in COLUMNS if name in frame}
+    block = Block(np.arange(1, len(frame) + 1), values)
+    tally = Tally(path, PLAIN, Table(tuple(values), lambda rows: iter((block,))))
+    logs = list(cleaned(iter((block,)), tally))
+    return _joined(logs, summary(tally))
+
+
+def _joined(logs: list[Log], whole: Summary) -> Log:
+    """Logs one behind the other, with the lists and notes of the whole file."""
+    first = logs[0]
+    if len(logs) > 1:
+        encoder = [log.encoder for log in logs if log.encoder is not None]
+        force = [log.force for log in logs if log.force is not None]
+        first = replace(
+            first,
+            t=np.concatenate([log.t for log in logs]),
+            z=np.concatenate([log.z for log in logs]),
+            w_cmd=np.concatenate([log.w_cmd for log in logs]),
+            pitch=np.concatenate([log.pitch for log in logs]),
+            encoder=_concatenated(encoder),
+            force=_concatenated(force),
+        )
+    return replace(
+        first,
+        gaps=whole.gaps,
+        rejected=whole.rejected,
+        rejected_count=whole.rejected_count,
+        notes=whole.notes,
+    )
+
+
+def _concatenated(parts: list[Array]) -> Array | None:
+    return np.concatenate(parts) if parts else None

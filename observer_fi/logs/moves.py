@@ -1,0 +1,172 @@
+"""A log cut into moves: where each begins and ends, its phases, and what the moves excite together."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.physics.rigs import Model
+from observer_fi.records import Array, Log, Segment
+
+QUIET_SPEED = 0.05  # rad/s: below this a command stands for rest
+QUIET_SHARE = 1e-3  # of the largest command; one sample of a ramp is a tenth of it
+SHORTEST_S = 0.005  # a pause or a blip shorter than this is no rest and no move
+SETTLING_TIMES = 5.0  # time constants of the loop until a transient is over (0.7 % left)
+SATURATED = 0.99  # of the supply voltage
+
+Signs = NDArray[np.int8]
+
+
+class Phase(IntEnum):
+    """What the actuator does at a sample."""
+
+    REST = 0
+    ACCELERATION = 1  # the command ramps, the supply still follows
+    SATURATION = 2
+    STABILISATION = 3  # until the loop has settled
+    STEADY = 4
+    STOP = 5  # from the begin of braking until the loop has settled
+
+
+class Excitation(NamedTuple):
+    """What a set of moves shows: |speeds| [rad/s] and mean pitches [deg] that occur, and for how long."""
+
+    moves: int
+    speeds: tuple[float, ...]
+    directions: tuple[int, ...]
+    pitches: tuple[float, ...]
+    reversals: int
+    seconds: dict[str, float]
+
+
+def segments(t: Array, w_cmd: Array, pitch: Array | None = None) -> tuple[Segment, ...]:
+    """The moves of a commanded speed, in order; they share no sample and cover the log, if any.
+
+    t, w_cmd, pitch: (n,) s, rad/s, deg; pitch 0 if None. A rest between two moves is cut in its middle. A log
+    may begin or end in a move. A change of sign without rest splits a move there.
+    """
+    signs = _signs(t, w_cmd)
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(signs)) + 1, [signs.size]))
+    runs = [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if a < b and signs[a] != 0]
+    cuts = [
+        0,
+        *((stop + start) // 2 for (_, stop), (start, _) in zip(runs[:-1], runs[1:], strict=True)),
+        t.size,
+    ]
+    return tuple(
+        Segment(
+            cuts[k],
+            start,
+            stop,
+            cuts[k + 1],
+            float(w_cmd[start + int(np.argmax(np.abs(w_cmd[start:stop])))]),
+            0.0 if pitch is None else float(np.mean(pitch[start:stop])),
+        )
+        for k, (start, stop) in enumerate(runs)
+    )
+
+
+def log_segments(log: Log) -> tuple[Segment, ...]:
+    """The moves of a log."""
+    return segments(log.t, log.w_cmd, log.pitch)
+
+
+def _signs(t: Array, w_cmd: Array) -> Signs:
+    """(n,) direction of the command, 0 at rest; short pauses are filled and short blips removed."""
+    speed = np.abs(w_cmd)
+    quiet = max(QUIET_SPEED, QUIET_SHARE * float(speed.max(initial=0.0)))
+    signs: Signs = np.where(speed > quiet, np.sign(w_cmd), 0.0).astype(np.int8)
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(signs)) + 1, [signs.size]))
+    blip = 20.0 * quiet
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if b == signs.size or a == 0 or t[b] - t[a] >= SHORTEST_S or signs[a - 1] != signs[b]:
+            continue
+        if signs[a] == 0 or speed[a:b].max() < blip:
+            signs[a:b] = signs[b]
+    return signs
+
+
+def settling_time(model: Model) -> float:
+    """Time after which a transient of the speed loop is over [s]: `SETTLING_TIMES` of 2 J / (Km Kp)."""
+    return SETTLING_TIMES * 2.0 * model["J"] / (model["Km"] * model["Kp"])
+
+
+def saturated(z: Array, model: Model) -> NDArray[np.bool_]:
+    """(n,) whether V + Rs i has reached the supply (equation 5); no where V or i is missing. z: (n, 3)."""
+    with np.errstate(invalid="ignore"):
+        return np.abs(z[:, 0] + model["Rs"] * z[:, 1]) > SATURATED * model["Vmax"]
+
+
+def phases(segment: Segment, t: Array, w_cmd: Array, z: Array, model: Model) -> NDArray[np.int8]:
+    """(end - rest,) the `Phase` of every sample of a segment. t, w_cmd (n,), z (n, 3): those of the log."""
+    part = slice(segment.rest, segment.end)
+    t, speed, full = t[part], np.abs(w_cmd[part]), saturated(z[part], model)
+    start, stop = segment.start - segment.rest, segment.stop - segment.rest
+    settle = settling_time(model)
+    codes = np.full(t.size, Phase.REST, dtype=np.int8)
+    brake = _brake(speed, start, stop)
+    codes[start:brake] = Phase.STEADY
+    for first, last in _ramps(t, speed, start, brake, model["accel_cmd"]):
+        over = np.flatnonzero(full[first:brake] & (t[first:brake] < t[last] + settle))
+        calm = max(last, first + int(over[-1]) if over.size else 0)
+        codes[first:brake][t[first:brake] < t[calm] + settle] = Phase.STABILISATION
+        codes[first : last + 1] = Phase.ACCELERATION
+    codes[start:brake][full[start:brake]] = Phase.SATURATION
+    if brake < stop or stop < t.size:
+        release = t[stop] if stop < t.size else np.inf
+        codes[brake:][t[brake:] < release + settle] = Phase.STOP
+    return codes
+
+
+def _brake(speed: Array, start: int, stop: int) -> int:
+    """First sample of the ramp that ends the move; `stop` where the log ends before it."""
+    if stop == speed.size and (stop - start < 2 or speed[stop - 1] >= speed[stop - 2] * (1.0 - 1e-6)):
+        return stop
+    falling = np.diff(speed[start:stop]) < -1e-6 * speed[start:stop].max()
+    held = np.flatnonzero(~falling)
+    return start + (int(held[-1]) + 1 if held.size else 0)
+
+
+def _ramps(t: Array, speed: Array, start: int, brake: int, accel: float) -> list[tuple[int, int]]:
+    """(first, last) samples of every stretch in which the command changes before the brake."""
+    if brake - start < 2:
+        return [(start, start)] if brake > start else []
+    changing = np.abs(np.diff(speed[start:brake])) > 0.01 * accel * np.diff(t[start:brake])
+    if start > 0:
+        changing[0] = True  # the command left zero before its first sample
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], changing, [False])).astype(np.int8)))
+    pairs = zip(edges[::2], edges[1::2], strict=True)
+    return [(start + int(a), start + int(b)) for a, b in pairs]
+
+
+def excitation(log: Log, moves: tuple[Segment, ...], model: Model) -> Excitation:
+    """What the moves of a log show of the actuator: speeds to 1 %, pitches to 1 deg, seconds by phase."""
+    seconds = dict.fromkeys((phase.name.lower() for phase in Phase), 0.0)
+    step = 1.0 / log.rate_hz
+    for move in moves:
+        counts = np.bincount(phases(move, log.t, log.w_cmd, log.z, model), minlength=len(Phase))
+        for phase in Phase:
+            seconds[phase.name.lower()] += float(counts[phase]) * step
+    turns = sum(
+        1
+        for a, b in zip(moves[:-1], moves[1:], strict=True)
+        if a.peak * b.peak < 0.0 and b.start - a.stop <= 1
+    )
+    return Excitation(
+        len(moves),
+        _distinct([abs(move.peak) for move in moves], 0.01, 0.0),
+        tuple(sorted({int(np.sign(move.peak)) for move in moves})),
+        _distinct([move.pitch for move in moves], 0.0, 1.0),
+        turns,
+        seconds,
+    )
+
+
+def _distinct(values: list[float], relative: float, absolute: float) -> tuple[float, ...]:
+    """Values that differ, in order; what lies within the tolerance of its predecessor counts as that."""
+    found: list[float] = []
+    for value in sorted(values):
+        if not found or value - found[-1] > max(absolute, relative * abs(value)):
+            found.append(value)
+    return tuple(found)

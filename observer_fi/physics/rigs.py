@@ -1,0 +1,301 @@
+"""A model is a name and the parameters of the equations; a fault is one override, an effect is a changed term.
+
+Rigs are TOML files: values with unit, how they were found, their spread from rig to rig, and how the actuator is driven.
+"""
+
+import difflib
+import math
+import tomllib
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from observer_fi.errors import UsageError
+from observer_fi.physics import empirical_curve as curves
+from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
+from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
+from observer_fi.records import Array
+
+DRIVES = ("pi_servo", "voltage", "current", "force")
+_SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
+_FORMS = ("stribeck_speed", "shaft_order", "screw_lead", "heating_time", "sag_time", "position_period")
+_SHAPES = (*_SWITCHES, *_FORMS)  # change nothing on their own
+
+# Of every effect: its parameter, where that stands, and the value that leaves the equations as they are.
+_NEUTRAL = tuple(
+    (name, at, PARAMETERS[name][1])
+    for at, name in enumerate(NAMES)
+    if PARAMETERS[name][1] is not None and name not in _SHAPES and not is_curve(name)
+)
+
+
+@dataclass(frozen=True)
+class Model:
+    """name; values of every parameter of the equations (SI, pitch in degrees), in the order of `PARAMETERS`."""
+
+    name: str
+    values: tuple[float, ...]
+
+    def __getitem__(self, parameter: str) -> float:
+        return self.values[_position(parameter)]
+
+    @property
+    def vector(self) -> Array:
+        """(VECTOR_SIZE,) what the equations take; the last slot says whether any effect is away from neutral, or a curve kept."""
+        p = np.empty(VECTOR_SIZE)
+        p[:EXTENDED] = self.values
+        p[EXTENDED] = float(bool(self.effects) or self["curve_of"] != 0.0)
+        return p
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Parameters of effects that are away from their neutral value."""
+        return tuple(name for name, at, neutral in _NEUTRAL if self.values[at] != neutral)
+
+
+def unknown_name(given: str, known: tuple[str, ...], what: str) -> UsageError:
+    """The error for a misspelt name: what was given, the nearest right one, and all that exist."""
+    near = difflib.get_close_matches(given, known, n=1)
+    hint = f", did you mean {near[0]!r}?" if near else ""
+    return UsageError(f"there is no {what} {given!r}{hint} (known: {', '.join(known)})")
+
+
+def _position(parameter: str) -> int:
+    if parameter not in INDEX:
+        raise unknown_name(parameter, tuple(n for n in NAMES if not is_curve(n)), "parameter")
+    return INDEX[parameter]
+
+
+def override(model: Model, name: str, **parameters: float) -> Model:
+    """`model` under a new name with some parameters changed. Raises UsageError for a parameter that does not exist."""
+    values = list(model.values)
+    for parameter, value in parameters.items():
+        values[_position(parameter)] = float(value)
+    return Model(name, tuple(values))
+
+
+def overload(plant: Model) -> Model:
+    """Equations 10 and 11: the mass presses against a stop."""
+    return override(plant, "overload", contact=1.0)
+
+
+def coupling_loss(plant: Model) -> Model:
+    """Equations 12 and 13: the motor turns without the mass."""
+    return override(plant, "coupling_loss", coupling=0.0)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One value of a rig: unit, how it was found, its 1-sigma spread from rig to rig, and its standard error if fitted."""
+
+    value: float
+    unit: str
+    method: str = ""
+    source: str = ""
+    spread: float = 0.0
+    std: float | None = None
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A plant, how it is driven, and the noise of its channels.
+
+    drive: one of `DRIVES`. noise: standard deviation of each channel, V, A, m. quantities: what the file gives, by
+    name of parameter; everything else is neutral.
+    """
+
+    name: str
+    description: str
+    drive: str
+    quantities: dict[str, Quantity]
+    noise: dict[str, float] = field(
+        default_factory=lambda: {"voltage": 0.01, "current": 3e-4, "position": 1e-5}
+    )
+    source: str = ""
+
+    @property
+    def model(self) -> Model:
+        """The nominal model of this rig."""
+        values = []
+        for name, (_, neutral) in PARAMETERS.items():
+            if name in self.quantities:
+                values.append(self.quantities[name].value)
+            else:
+                values.append(0.0 if neutral is None else neutral)
+        return Model("nominal", tuple(values))
+
+    @property
+    def curve(self) -> Curve | None:
+        """The empirical curve that was kept, if any."""
+        values = {name: q.value for name, q in self.quantities.items()}
+        return curve_of(values, {name: q.std for name, q in self.quantities.items() if q.std is not None})
+
+    @property
+    def has_servo(self) -> bool:
+        """Whether the equations of the servo are given (3 to 6); without them the measured current is what drives."""
+        return self.drive == "pi_servo"
+
+    def spread(self, name: str) -> float:
+        """1-sigma spread of a parameter from rig to rig, relative; 0 where the file gives none."""
+        return self.quantities[name].spread if name in self.quantities else 0.0
+
+    @property
+    def noise_std(self) -> Array:
+        """(3,) standard deviation of voltage [V], current [A], position [m]."""
+        return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
+
+
+def with_values(
+    rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit"
+) -> Rig:
+    """`rig` with some quantities replaced or added, marked with how they were found. Raises UsageError as `override`."""
+    quantities = dict(rig.quantities)
+    for name, value in values.items():
+        _position(name)
+        old = quantities.get(name, Quantity(value, PARAMETERS[name][0]))
+        error = (std or {}).get(name)
+        quantities[name] = replace(old, value=float(value), method=method, std=error)
+    return replace(rig, quantities=quantities)
+
+
+def load_rig(path: str | Path | None = None) -> Rig:
+    """The rig of a TOML file, of a packaged name such as "emps", or the paper's mass-shifter.
+
+    Raises UsageError naming the file, the key and the right keys.
+    """
+    where = _rig_path("mass_shifter" if path is None else path)
+    try:
+        table = tomllib.loads(where.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(
+            f"{path}: cannot read the rig file ({error.strerror or error}); give a TOML file as in data/rigs"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{where}: not a TOML file: {error}") from error
+    return _rig_from_table(table, str(where))
+
+
+def packaged_rigs() -> Path:
+    """Folder of the rigs that come with the package: inside it when installed, data/rigs in a checkout."""
+    inside = Path(str(resources.files("observer_fi"))) / "rigs"
+    return inside if inside.is_dir() else Path(__file__).resolve().parents[2] / "data" / "rigs"
+
+
+def _rig_path(path: str | Path) -> Path:
+    given = Path(path)
+    packaged = packaged_rigs() / f"{given.name}.toml"
+    return packaged if not given.suffix and not given.exists() and packaged.exists() else given
+
+
+_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve")
+_QUANTITY = ("value", "unit", "method", "source", "spread", "std")
+_NOISE = ("voltage", "current", "position")
+
+
+def _rig_from_table(table: dict, where: str) -> Rig:
+    try:
+        _check_keys(table, _TOP, "key")
+        drive = table.get("drive", "pi_servo")
+        if drive not in DRIVES:
+            raise unknown_name(drive, DRIVES, "drive")
+        _check_keys(table.get("noise", {}), _NOISE, "noise channel")
+        quantities = {name: _quantity(name, entry) for name, entry in table.get("parameters", {}).items()}
+        if "curve" in table:
+            if drive == "force":
+                raise UsageError("a curve needs moves that are simulated: not for drive 'force'")
+            quantities |= _curve_quantities(curves.from_table(table["curve"]))
+        missing = [n for n in required_parameters(drive) if n not in quantities]
+        if missing:
+            raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}") from error
+    noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {
+        k: float(v) for k, v in table.get("noise", {}).items()
+    }
+    return Rig(
+        table.get("name", Path(where).stem),
+        table.get("description", ""),
+        drive,
+        quantities,
+        noise,
+        table.get("source", ""),
+    )
+
+
+def required_parameters(drive: str) -> tuple[str, ...]:
+    """Parameters that a rig driven in this way must give."""
+    mechanics = ("J", "A", "D")
+    electrics = ("Rm", "Km")
+    servo = ("Vmax", "Kp", "Ki", "Rs", "accel_cmd")
+    return {
+        "pi_servo": (*mechanics, *electrics, *servo),
+        "voltage": (*mechanics, *electrics),
+        "current": (*mechanics, "Km"),
+        "force": mechanics,
+    }[drive]
+
+
+def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:
+    for key in table:
+        if key not in known:
+            raise unknown_name(key, known, what)
+
+
+def _quantity(name: str, given: object) -> Quantity:
+    _position(name)
+    if is_curve(name):
+        raise UsageError(f"{name}: a curve stands in the table [curve]")
+    entry: dict = given if isinstance(given, dict) else {"value": given}
+    _check_keys(entry, _QUANTITY, f"key of {name}")
+    value = entry.get("value")
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        raise UsageError(f"{name}: value must be a number, got {value!r}")
+    unit = entry.get("unit", PARAMETERS[name][0])
+    if unit != PARAMETERS[name][0]:
+        raise UsageError(f"{name}: unit must be {PARAMETERS[name][0]!r}, got {unit!r}")
+    std = entry.get("std")
+    return Quantity(
+        float(value),
+        unit,
+        entry.get("method", ""),
+        entry.get("source", ""),
+        float(entry.get("spread", 0.0)),
+        None if std is None else float(std),
+    )
+
+
+def with_curve(rig: Rig, curve: Curve) -> Rig:
+    """`rig` with an empirical curve, in place of any other."""
+    kept = {name: q for name, q in rig.quantities.items() if not is_curve(name)}
+    return replace(rig, quantities=kept | _curve_quantities(curve))
+
+
+def _curve_quantities(curve: Curve) -> dict[str, Quantity]:
+    std = dict(zip(curve.names, curve.std, strict=False))
+    return {
+        name: Quantity(value, PARAMETERS[name][0], std=std.get(name))
+        for name, value in curves.parameters(curve).items()
+    }
+
+
+def rig_toml(rig: Rig) -> str:
+    """The rig as the text of a TOML file that `load_rig` reads back to an equal rig."""
+    parameters = {}
+    for name, q in rig.quantities.items():
+        if is_curve(name):
+            continue
+        entry: dict[str, object] = {"value": q.value, "unit": q.unit}
+        entry |= {
+            k: v
+            for k, v in (("method", q.method), ("source", q.source), ("spread", q.spread), ("std", q.std))
+            if v
+        }
+        parameters[name] = entry
+    table: dict[str, object] = {"name": rig.name, "description": rig.description, "drive": rig.drive}
+    table |= {"source": rig.source} if rig.source else {}
+    table |= {"noise": dict(rig.noise), "parameters": parameters}
+    curve = rig.curve
+    return tomli_w.dumps(table | ({"curve": curves.to_table(curve)} if curve else {}))

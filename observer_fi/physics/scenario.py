@@ -1,0 +1,282 @@
+"""Synthetic logs with known answers: moves of the simulated actuator, a fault at any time, effects, spread
+and noise.
+
+The same scenario, rig and seed give the same log. The fault begins at its own time, which need not be a
+sample.
+"""
+
+import gzip
+import io
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from observer_fi.errors import UsageError
+from observer_fi.physics import simulation as sim
+from observer_fi.physics.rigs import Model, Rig, coupling_loss, override, unknown_name
+from observer_fi.physics.trapezoid import quarters
+from observer_fi.records import CHANNELS, Array, Log
+
+SENSOR_FAULTS = (
+    "sensor_frozen",
+    "sensor_offset",
+    "sensor_drift",
+    "sensor_gain",
+    "sensor_noise",
+    "sensor_dropout",
+)
+# A fault outside the bank is a parameter that changes: name, how much of what it was or what it becomes.
+CHANGES = {
+    "slip": ("slip", 0.5),
+    "friction": ("torque_offset", 4e-4),
+    "winding": ("Rm", 26.0),
+    "supply": ("Vmax", 8.5),
+}
+FAULTS = ("none", "overload", "coupling_loss", *SENSOR_FAULTS, *CHANGES)
+SIZES = {  # by channel: what makes a sensor fault plain without being absurd
+    "sensor_offset": (0.5, 5e-3, 3e-4),
+    "sensor_drift": (0.5, 5e-3, 3e-4),
+    "sensor_gain": (0.1, 0.25, 0.25),
+    "sensor_noise": (0.2, 6e-3, 2e-4),
+}
+MOST_SAMPLES = 1e8
+_LEAST = 0.2  # of a value: a spread never turns a sign
+
+
+class Move(NamedTuple):
+    """One commanded move: when it starts [s], its speed [rad/s, signed], and for how long it is commanded [s]."""
+
+    start_s: float
+    speed: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong and when [s]. channel of a sensor fault; size in SI units, None for the usual one."""
+
+    kind: str = "none"
+    at_s: float = 0.0
+    channel: str | None = None
+    size: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Label of the right verdict."""
+        if self.kind == "none":
+            return "nominal"
+        if self.kind in SENSOR_FAULTS:
+            return "sensor_fault"
+        return self.kind if self.kind in ("overload", "coupling_loss") else "unknown"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One log. effects: values of parameters of the equations, all the time; noise: times that of the rig."""
+
+    moves: tuple[Move, ...] = (Move(0.3, 410.0, 2.5),)
+    seconds: float = 3.2
+    rate_hz: float = 1600.0
+    pitch_deg: float = 0.0
+    fault: Fault = Fault()
+    effects: Mapping[str, float] = field(default_factory=dict)
+    spread: bool = False
+    noise: float = 1.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is known about a synthetic log. parameters: those that differ from the rig's."""
+
+    label: str
+    channel: str | None
+    onset_s: float | None
+    scenario: Scenario
+    parameters: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For a JSON file beside the log."""
+        return {"schema": "observer-fi/truth/1", **asdict(self)}
+
+
+def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[Log, Truth]:
+    """The log of a scenario, and its truth. Raises UsageError for a fault, channel or effect that does not exist."""
+    _check(scenario)
+    if not rig.has_servo:
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "{rig.drive}": a synthetic log needs the servo, drive = "pi_servo"'
+        )
+    rng = np.random.default_rng(scenario.seed)
+    drawn = _drawn(rig, rng) if scenario.spread else {}
+    plant = override(rig.model, "nominal", **{**drawn, **scenario.effects})
+    t = np.arange(round(scenario.seconds * scenario.rate_hz)) / scenario.rate_hz
+    knots, values = command(scenario.moves, plant["accel_cmd"], float(t[-1]))
+    clean = _run(t, knots, values, scenario, plant)
+    z = clean + scenario.noise * rig.noise_std * rng.standard_normal(clean.shape)
+    _break_sensor(t, z, scenario.fault, rng)
+    w_cmd = np.interp(t, knots, values)
+    log = Log(
+        name, t, z, w_cmd, np.full(t.size, scenario.pitch_deg), metadata=(f"synthetic, seed {scenario.seed}",)
+    )
+    fault = scenario.fault
+    faulty = fault.kind != "none"
+    changed = {k: plant[k] for k in (*drawn, *scenario.effects)}
+    return log, Truth(fault.label, fault.channel, fault.at_s if faulty else None, scenario, changed)
+
+
+def _check(scenario: Scenario) -> None:
+    fault = scenario.fault
+    if fault.kind not in FAULTS:
+        raise unknown_name(fault.kind, FAULTS, "fault")
+    if (fault.kind in SENSOR_FAULTS) != (fault.channel is not None):
+        raise UsageError(
+            f"fault {fault.kind}: a channel is for sensor faults, and they need one ({', '.join(CHANNELS)})"
+        )
+    if fault.channel is not None and fault.channel not in CHANNELS:
+        raise unknown_name(fault.channel, CHANNELS, "channel")
+    if not 2.0 <= scenario.seconds * scenario.rate_hz <= MOST_SAMPLES or not scenario.rate_hz > 0.0:
+        raise UsageError(
+            f"a log of {scenario.seconds} s at {scenario.rate_hz} samples/s: 2 to {MOST_SAMPLES:.0e} "
+            f"samples, please"
+        )
+    if fault.kind != "none" and not 0.0 <= fault.at_s <= scenario.seconds:
+        raise UsageError(f"the fault at {fault.at_s} s is outside the log of {scenario.seconds} s")
+    values = (scenario.pitch_deg, fault.size or 0.0, *(number for move in scenario.moves for number in move))
+    if not np.isfinite(values).all() or not 0.0 <= scenario.noise < np.inf:
+        raise UsageError(
+            "moves, pitch, noise and the size of a fault must be finite numbers, noise not negative"
+        )
+
+
+def _drawn(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
+    """One rig from the population: every parameter that has a spread, drawn from it."""
+    factors = {
+        name: max(_LEAST, 1.0 + q.spread * rng.standard_normal())
+        for name, q in rig.quantities.items()
+        if q.spread
+    }
+    return {name: rig.quantities[name].value * factor for name, factor in factors.items()}
+
+
+def command(moves: tuple[Move, ...], accel: float, end: float) -> tuple[Array, Array]:
+    """Knots (times, speeds) of the commanded trapezoids. Moves that touch go from speed to speed without a
+    stop.
+
+    Raises UsageError for moves that overlap or are too short to reach their speed.
+    """
+    t, w = [0.0], [0.0]
+    for k, move in enumerate(moves):
+        if move.seconds <= 0.0 or move.start_s < t[-1] - 1e-9:
+            raise UsageError(f"move {k + 1} starts at {move.start_s} s, before the one ahead of it has ended")
+        t += [move.start_s, move.start_s + abs(move.speed - w[-1]) / accel]
+        w += [w[-1], move.speed]
+        stop = move.start_s + move.seconds
+        if t[-1] > stop:
+            raise UsageError(f"move {k + 1}: {move.seconds} s are too short to reach {move.speed} rad/s")
+        t.append(stop)
+        w.append(move.speed)
+        if k + 1 == len(moves) or moves[k + 1].start_s > stop + abs(move.speed) / accel:
+            t.append(stop + abs(move.speed) / accel)
+            w.append(0.0)
+    t.append(max(end, t[-1]) + 1.0)
+    w.append(w[-1])
+    return np.array(t), np.array(w)
+
+
+def _run(t: Array, knots: Array, values: Array, scenario: Scenario, plant: Model) -> Array:
+    """(n, 3) readings without noise: the plant until the fault, the changed plant from its state on."""
+    fault = scenario.fault
+    start = np.zeros(len(sim.STATES))
+    if fault.kind in ("none", *SENSOR_FAULTS):
+        return _readings(t, knots, values, scenario.pitch_deg, plant, start)[0]
+    before, after = t[t < fault.at_s], t[t >= fault.at_s]
+    until = np.append(before, fault.at_s)
+    first, states = _readings(until, knots, values, scenario.pitch_deg, plant, start)
+    state = states[-1, : len(sim.STATES)]
+    commanded = np.append(values[knots > fault.at_s], 0.0)
+    ahead = float(commanded[np.flatnonzero(commanded)[0]]) if commanded.any() else 1.0
+    broken = _broken(plant, fault, state, float(state[sim.W]) or ahead)
+    on = np.union1d([fault.at_s], after)  # the fault may fall on a sample
+    second = _readings(on, knots, values, scenario.pitch_deg, broken, state)[0]
+    return np.vstack((first[:-1], second[on.size - after.size :]))
+
+
+def _broken(plant: Model, fault: Fault, state: Array, direction: float) -> Model:
+    """The plant from the fault on; direction: in which it moves, or will be told to."""
+    if fault.kind == "coupling_loss":
+        return coupling_loss(plant)
+    if fault.kind == "overload":
+        stop = "x_stop_high" if direction > 0.0 else "x_stop_low"
+        return override(plant, "overload", **{stop: float(state[sim.X])})
+    name, value = CHANGES[fault.kind]
+    return override(plant, fault.kind, **{name: value if fault.size is None else fault.size})
+
+
+def _readings(
+    t: Array, knots: Array, values: Array, pitch: float, model: Model, start: Array
+) -> tuple[Array, Array]:
+    p = model.vector
+    delay, late, limit = (
+        model["input_delay"] + model["tick_phase"],
+        model["servo_delay"],
+        model["accel_limit"],
+    )
+    now = quarters(t, knots, values, delay, limit)
+    behind = quarters(t, knots, values, delay + late, limit) if late else now
+    states, y = np.empty((t.size, sim.COLUMNS)), np.empty((t.size, 3))
+    theta = np.full(t.size, pitch)
+    sim.run(t, now, behind, np.ones(t.size, dtype=np.bool_), theta, p, start, states)
+    sim.readings(t, states, p, y)
+    if model["voltage_offset"]:
+        y[:, 0] += model["voltage_offset"]
+    return y, states
+
+
+def _break_sensor(t: Array, z: Array, fault: Fault, rng: np.random.Generator) -> None:
+    """The sensor fault, in place."""
+    if fault.kind not in SENSOR_FAULTS or fault.channel is None:
+        return
+    c = CHANNELS.index(fault.channel)
+    bad = t >= fault.at_s
+    size = fault.size if fault.size is not None else SIZES.get(fault.kind, (0.0, 0.0, 0.0))[c]
+    if fault.kind == "sensor_frozen":
+        z[bad, c] = z[np.flatnonzero(~bad)[-1], c] if not bad.all() else z[0, c]
+    elif fault.kind == "sensor_offset":
+        z[bad, c] += size
+    elif fault.kind == "sensor_drift":
+        z[bad, c] += size * (t[bad] - fault.at_s)
+    elif fault.kind == "sensor_gain":
+        z[bad, c] *= 1.0 + size
+    elif fault.kind == "sensor_noise":
+        z[bad, c] += size * rng.standard_normal(int(bad.sum()))
+    else:
+        z[bad, c] = np.nan
+
+
+def drawn_scenario(rng: np.random.Generator, label: str, transient: bool, seed: int) -> Scenario:
+    """One move of the Monte Carlo: 205 to 410 rad/s, either way, -12 to 12 deg; the fault in the start or after it."""
+    speed = float(rng.uniform(205.0, 410.0) * rng.choice((-1.0, 1.0)))
+    seconds = float(rng.uniform(1.5, 2.5))
+    start = float(rng.uniform(0.2, 0.4))
+    after = rng.uniform(0.004, 0.24) if transient else rng.uniform(0.35, seconds - 0.6)
+    fault = Fault() if label == "nominal" else Fault(label, start + float(after))
+    pitch = float(rng.uniform(-12.0, 12.0))
+    return Scenario(
+        (Move(start, speed, seconds),), start + seconds + 0.4, 1600.0, pitch, fault, {}, True, 1.0, seed
+    )
+
+
+def csv_bytes(log: Log, compress: bool = False) -> bytes:
+    """The log as CSV of the contract, its metadata in front; gzip without a date, so that the bytes repeat."""
+    out = io.StringIO()
+    for line in log.metadata:
+        out.write(f"# {line}\n")
+    out.write("time_s,voltage_v,current_a,position_m,pitch_deg,speed_cmd_rad_s\n")
+    table = np.column_stack((log.t, log.z, log.pitch, log.w_cmd))
+    for t, voltage, current, position, pitch, w_cmd in table.tolist():
+        out.write(f"{t:.6f},{voltage:.4f},{current:.6f},{position:.7f},{pitch:.3f},{w_cmd:.6g}\n")
+    data = out.getvalue().replace("nan", "").encode()
+    return gzip.compress(data, mtime=0) if compress else data

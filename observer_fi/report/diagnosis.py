@@ -1,0 +1,285 @@
+"""Records to people and programs: report.json, report.html, figures. Prints what is known, computes none."""
+
+import json
+import math
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from observer_fi import __version__
+from observer_fi.physics.rigs import Rig
+from observer_fi.records import Isolation, Log, Outcome
+from observer_fi.report import diagnosis_figures as figures
+from observer_fi.report.result_folder import write_folder
+
+SCHEMA = "observer-fi/report/1"
+LISTED = 200  # rejected samples and gaps that the report lists one by one
+POSTERIOR = ("nominal", "overload", "coupling_loss", "unknown", "sensor_fault")
+
+NAMES = {
+    "nominal": "No fault",
+    "overload": "Overload",
+    "coupling_loss": "Coupling loss",
+    "sensor_fault": "Sensor fault",
+    "unknown": "Unknown fault",
+}
+
+
+def report_dict(outcome: Outcome) -> dict[str, Any]:
+    """report.json of contract section 3 as plain data. Raises ValueError for an outcome without a verdict."""
+    isolation, log = _complete(outcome)
+    verdict = isolation.verdict
+    return _plain(
+        {
+            "schema": SCHEMA,
+            "log": {
+                "path": log.path,
+                "sha256": log.sha256,
+                "samples": outcome.samples,
+                "rate_hz": outcome.rate_hz,
+                "gaps": [gap._asdict() for gap in log.gaps[:LISTED]],
+                "notes": log.notes,
+                "duration_s": outcome.duration_s,
+                "metadata": log.metadata,
+                "gap_count": len(log.gaps),
+                "rejected_count": log.rejected_count,
+                "rejected": [sample._asdict() for sample in log.rejected[:LISTED]],
+            },
+            "verdict": {
+                "label": verdict.label,
+                "channel": verdict.channel,
+                "probability": verdict.probability,
+                "onset_s": verdict.onset_s,
+                "onset_interval_s": verdict.onset_interval_s,
+                "detected_s": verdict.detected_s,
+                "isolated_s": verdict.isolated_s,
+            },
+            "posterior": {label: verdict.posterior.get(label, 0.0) for label in POSTERIOR},
+            "open_loop": _open_loop(outcome),
+            "consistency": isolation.consistency._asdict(),
+            "explanation": outcome.explanation,
+            "events": [event._asdict() for event in isolation.events],
+            "settings": outcome.settings,
+            "versions": versions(),
+        }
+    )
+
+
+def _open_loop(outcome: Outcome) -> dict[str, Any]:
+    """What the mixture says; it starts at a detection, so without one it says nominal, without a servo nothing."""
+    if outcome.settings.get("drive", "pi_servo") != "pi_servo":
+        return {"label": None, "isolated_s": None, "started_s": None}
+    if outcome.open_loop is None:
+        return {"label": "nominal", "isolated_s": None, "started_s": None}
+    verdict = outcome.open_loop.verdict
+    return {"label": verdict.label, "isolated_s": verdict.isolated_s, "started_s": verdict.start_s}
+
+
+def json_text(value: Any) -> str:
+    """JSON as it is written to files: NaN and infinity become null."""
+    return json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def headline(outcome: Outcome) -> str:
+    """The verdict in one line."""
+    isolation, _ = _complete(outcome)
+    verdict = isolation.verdict
+    words = NAMES[verdict.label].lower()
+    if verdict.channel:
+        words += f" ({verdict.channel})"
+    if verdict.onset_s is not None:
+        words += f" since {verdict.onset_s:.3f} s"
+    return f"{words}, probability {percent(verdict.probability)}"
+
+
+def percent(p: float) -> str:
+    """A probability that never rounds to certainty."""
+    if not math.isfinite(p):
+        return "unknown"
+    if p > 0.9999:
+        return "> 99.99 %"
+    if p < 1e-4:
+        return "< 0.01 %"
+    return f"{100.0 * p:.2f} %" if p > 0.99 or p < 0.01 else f"{100.0 * p:.1f} %"
+
+
+def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
+    """Everything that one report consists of, {file name: text}."""
+    drawn = figures.draw(outcome, rig)
+    return {
+        "report.json": json_text(report_dict(outcome)),
+        "report.html": page(outcome, rig, drawn),
+        **{f"{name}.svg": svg for name, svg in drawn.items()},
+    }
+
+
+def write(outcome: Outcome, rig: Rig, folder: Path) -> None:
+    """report.json, report.html and the figures into `folder`, all or nothing. Raises UsageError."""
+    write_folder(folder, files(outcome, rig))
+
+
+def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
+    """report.html: one file, no network, the same bytes for the same inputs."""
+    isolation, log = _complete(outcome)
+    return (
+        environment()
+        .get_template("report.html")
+        .render(
+            outcome=outcome,
+            log=log,
+            isolation=isolation,
+            verdict=isolation.verdict,
+            mixture=_open_loop(outcome),
+            names=NAMES,
+            colour=figures.colour_of(isolation.verdict.label, isolation.verdict.channel),
+            figures=drawn,
+            captions=figures.captions(outcome),
+            doubts=doubts(outcome),
+            settings=flattened(outcome.settings),
+            rig=rig,
+            listed=LISTED,
+            colour_of=figures.colour_of,
+            versions=versions(),
+        )
+    )
+
+
+@cache
+def environment() -> Any:
+    """The Jinja2 environment of every page of this project."""
+    import jinja2
+
+    env = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    env.filters |= {"seconds": seconds, "percent": percent, "number": number}
+    return env
+
+
+def seconds(value: float | None) -> str:
+    """A time on the log's clock."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.3f} s"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number for people."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def doubts(outcome: Outcome) -> list[str]:
+    """How sure the verdict is, and what would change it."""
+    isolation, log = _complete(outcome)
+    verdict, fit = isolation.verdict, isolation.consistency
+    found = []
+    others = sorted(
+        ((p, label) for label, p in verdict.posterior.items() if label != verdict.label), reverse=True
+    )
+    if others and others[0][0] > 1e-6:
+        found.append(f"Next best explanation: {NAMES[others[0][1]].lower()}, with {percent(others[0][0])}.")
+    elif others:
+        found.append(
+            "No other hypothesis has more than one part in a million; "
+            f"the next is {others[0][1].replace('_', ' ')}."
+        )
+    if math.isfinite(fit.nis_mean):
+        ratio = fit.nis_mean / fit.nis_expected
+        text = f"Normalised innovation squared {fit.nis_mean:.2f}, {fit.nis_expected:.1f} expected: "
+        found.append(
+            text
+            + (
+                "the winning model describes this machine as well as its sensors can tell."
+                if ratio < 1.5
+                else "the winning model misses something of this machine, and probabilities are too sure of "
+                "themselves. Identify the rig, or let the model be improved, before trusting a close call."
+            )
+        )
+    if outcome.open_loop is not None and outcome.open_loop.verdict.label != verdict.label:
+        other = NAMES[outcome.open_loop.verdict.label].lower()
+        found.append(
+            f"The open-loop mixture says {other}: "
+            + (
+                "it knows three models and has to choose one of them."
+                if verdict.label in ("unknown", "sensor_fault")
+                else "it starts from one state and never looks at the data again, so parameters that are "
+                "slightly off lead it astray first."
+            )
+        )
+    refused = _refused(outcome)
+    if refused:
+        found.append(
+            f"The bank's most probable hypothesis is {refused}, but an absolute test refuses it: it "
+            f"explains the "
+            "data only with constants that no rig shows, or leaves too much of them unexplained."
+        )
+    found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
+    if verdict.isolated_s is None and verdict.label != "nominal":
+        found.append(
+            "The verdict never stayed above 95 % until the end of its move: a longer move would settle it."
+        )
+    if log.notes:
+        found.append("The log has notes, listed below, that bear on what can be known from it.")
+    return found
+
+
+def _refused(outcome: Outcome) -> str | None:
+    """The hypothesis that won on probability where the verdict is that none of them holds."""
+    isolation, _ = _complete(outcome)
+    verdict, traces = isolation.verdict, outcome.overview
+    if verdict.label != "unknown" or traces is None or verdict.isolated_s is None:
+        return None
+    later = traces.probability[traces.t >= verdict.isolated_s]
+    if not later.size:
+        return None
+    mode = outcome.modes[int(later[0].argmax())]
+    return None if mode in ("unknown", "nominal") else figures.WORDS.get(mode, mode)
+
+
+def flattened(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as (dotted name, value) rows."""
+    rows: list[tuple[str, str]] = []
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            rows += flattened(value, f"{prefix}{name}.")
+        else:
+            rows.append((f"{prefix}{name}", "–" if value is None else str(value)))
+    return rows
+
+
+@cache
+def versions() -> dict[str, str]:
+    """What computed the result."""
+    found = {"observer-fi": __version__}
+    for name in ("numpy", "numba", "filterpy"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _complete(outcome: Outcome) -> tuple[Isolation, Log]:
+    if outcome.isolation is None or outcome.log is None:
+        raise ValueError(
+            f"{outcome.name}: there is no verdict to report ({outcome.error or 'it was not judged'})"
+        )
+    return outcome.isolation, outcome.log
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, numpy numbers as Python's, and what JSON cannot say as null."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value)

@@ -1,0 +1,174 @@
+"""Reports of `identify` and `improve`: the records printed, nothing computed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from observer_fi.improve.diagnosis_gain import Worth
+from observer_fi.improve.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS
+from observer_fi.improve.improvement import Improvement, to_json
+from observer_fi.improve.smoothed_disturbance import Latent
+from observer_fi.logs.moves import Excitation
+from observer_fi.physics.effects import CAUSES
+from observer_fi.physics.empirical_curve import is_possible
+from observer_fi.physics.equations import PARAMETERS
+from observer_fi.physics.rigs import Rig, rig_toml
+from observer_fi.records import Array, Fit, Parameter
+from observer_fi.report import freed_figures, learning_figures
+from observer_fi.report.diagnosis import environment, json_text, number, versions
+
+
+def improve_files(
+    record: Improvement, gain: tuple[Worth, Worth], shown: Sequence[Excitation], name: str, logs: list[str]
+) -> dict[str, str]:
+    """Everything that one improve report consists of, {file name: text}.
+
+    gain: `diagnose` with either rig. shown: what each log holds.
+    """
+    drawn = learning_figures.of_improve(record)
+    latents = freed_figures.of_freed(record.latents)
+    page = environment().get_template("improve.html")
+    html = page.render(
+        record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
+        causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
+        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
+        handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        not_kept=not_kept(record),
+    )  # fmt: skip
+    return {
+        "improve.json": json_text(improve_json(record, gain)),
+        "report.html": html,
+        "rig.toml": rig_toml(record.extended_rig),
+        **{f"{key}.svg": svg for key, svg in drawn.items()},
+        **{f"latent_{k + 1}.svg": svg for k, svg in enumerate(latents)},
+    }
+
+
+def wish(record: Improvement) -> str:
+    """Which equation the data want to free first, in a sentence."""
+    first = next((f for f in record.freed if f.verdict == "first"), None)
+    if first is None:
+        return "None: no freedom in any equation makes these moves likelier than chance would."
+    return f"{EQUATIONS[first.equation].capitalize()} ({first.disturbance})."
+
+
+def likeness(record: Improvement) -> str:
+    """What the first equation cannot be told from, in sentences; empty where nothing is wanted or nothing comes near."""
+    others = [EQUATIONS[f.equation] for f in record.freed if f.verdict == "close"]
+    cannot = f"These logs cannot tell it from {' or '.join(others)} in this way. " if others else ""
+    alike = next((f.alike for f in record.freed if f.verdict == "first" and f.alike), "")
+    return cannot + (f"What looks alike: {alike}." if alike else "")
+
+
+def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:
+    """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
+    before, after = (g._asdict() for g in gain)
+    return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
+
+
+_NOT_KNOWN = "The equations do not know, where it would enter them, what it depends on: no curve of it can be kept in the rig."
+_NOT_HELD = (
+    "A curve over this alone, fitted to some moves, did not hold on the others: it was not kept in the rig."
+)
+_NOT_ASKED = (
+    "Option --keep-unexplained fits it as an empirical curve of the rig, "
+    "and keeps it if it holds on moves that its fit never saw."
+)
+
+
+def not_kept(record: Improvement) -> str:
+    """Why what is unexplained does not stand in the extended rig."""
+    if not any(is_possible(u.equation, u.regressor, u.directed) for u in record.unexplained):
+        return _NOT_KNOWN
+    return _NOT_HELD if record.keep_unexplained else _NOT_ASKED
+
+
+EQUATIONS = {
+    "torque": "the torque balance", "electrical": "the electrical equation", "servo": "the servo",
+    "kinematics": "the screw", "contact": "the stops", "sensor:position": "the position sensor",
+    "sensor:current": "the current sensor", "sensor:voltage": "the voltage sensor", "sensor:pitch": "the pitch sensor",
+}  # fmt: skip
+
+
+def shape(latent: Latent) -> str:
+    """What a disturbance goes with, in a sentence."""
+    if not latent.goes_with:
+        return "No quantity below predicts more than half of it in moves that were left out."
+    names = [f"the {plain(name)} ({100.0 * latent.curves[name].share:.0f} %)" for name in latent.goes_with]
+    return f"It goes best with {' or '.join(names)}."
+
+
+def held(shown: Excitation) -> str:
+    """What a log holds, in a sentence."""
+    one_way = "forward only" if 1 in shown.directions else "backward only"
+    ways = one_way if len(shown.directions) == 1 else "both directions"
+    speeds = ", ".join(f"{speed:.0f}" for speed in shown.speeds)
+    pitches = ", ".join(f"{round(pitch, 1) + 0.0:g}" for pitch in shown.pitches)
+    seconds = ", ".join(f"{s:.2g} s {phase}" for phase, s in shown.seconds.items() if s > 0.0)
+    turns = f", {shown.reversals} reversals without a rest" if shown.reversals else ""
+    return f"{shown.moves} moves, {ways}{turns}; speeds {speeds} rad/s; pitch {pitches} deg; {seconds}"
+
+
+def improve_headline(record: Improvement) -> str:
+    """One line: what the simulation misses."""
+    named = [plain(f.cause) for f in record.findings]
+    rest = " and something without a name" if record.unexplained else ""
+    if not named:
+        return "Nothing with a name is missing" + (", but something is" if record.unexplained else "")
+    return f"The simulation misses {', '.join(named)}{rest}"
+
+
+def identify_files(
+    fit: Fit, rig: Rig, identified: Rig, by_phase: Mapping[str, Array], name: str, logs: list[str]
+) -> dict[str, str]:
+    """Everything that one identify report consists of, {file name: text}. by_phase: mean square of the residuals, (3,)."""
+    drawn = learning_figures.of_identify(fit)
+    page = environment().get_template("identify.html")
+    html = page.render(
+        fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions(),
+        by_phase=by_phase, left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
+    )  # fmt: skip
+    return {
+        "identify.json": json_text(identify_json(fit)),
+        "report.html": html,
+        "rig.toml": rig_toml(identified),
+        **{f"{key}.svg": svg for key, svg in drawn.items()},
+    }
+
+
+RMSE = {
+    "current_a": ("current", 1e3, "mA"), "position_m": ("position", 1e6, "µm"), "speed_rad_s": ("speed", 1.0, "rad/s"),
+    "voltage_v": ("voltage", 1e3, "mV"), "force_n": ("force", 1.0, "N"),
+}  # fmt: skip
+
+
+def left_over(rmse: dict[str, float]) -> str:
+    """Root mean squares of a fit in words and handy units."""
+    known = [(*RMSE[name], value) for name, value in rmse.items() if name in RMSE]
+    return ", ".join(f"{name} {number(scale * value, 3)} {unit}" for name, scale, unit, value in known)
+
+
+def identify_json(fit: Fit) -> dict[str, Any]:
+    """The fit as plain data."""
+    return {
+        "schema": "observer-fi/identify/1",
+        "parameters": {p.name: _fields(p) for p in fit.parameters},
+        "not_identifiable": fit.not_identifiable,
+        "nll_per_sample": fit.nll_per_sample,
+        "rmse": fit.rmse,
+        "correlation": {"names": [p.name for p in fit.parameters], "matrix": fit.correlation.tolist()},
+    }
+
+
+def _fields(parameter: Parameter) -> dict[str, Any]:
+    return {k: getattr(parameter, k) for k in ("value", "std", "prior", "unit", "low", "high")}
+
+
+def plain(name: str) -> str:
+    """The name of a cause or parameter in words."""
+    return name.replace("_", " ")
+
+
+def value(v: float, std: float, unit: str) -> str:
+    """A value with its standard error in the value's own digits."""
+    shown = f"{number(v, 4)} ± {number(std, 2)}"
+    return shown if unit == "1" else f"{shown} {unit}"

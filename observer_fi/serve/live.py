@@ -1,0 +1,238 @@
+"""The bank and its verdicts on a stream: the numbers of a whole log, one sample or a small batch at a time.
+
+`LiveBank` allocates nothing per sample and remembers nothing but its state. `Live` adds the verdicts, and reports a
+change at the same sample whatever the batches were.
+"""
+
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import compiled_bank as kernels
+from observer_fi.bank import first_state as beginning
+from observer_fi.bank import log_feed as feed
+from observer_fi.logs.line_parser import Row
+from observer_fi.physics.rigs import Rig
+from observer_fi.records import Array, Estimate, Event, Log
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict.diagnosis import make_bank
+from observer_fi.verdict.isolate import Isolator, channel_of, label_of, log_verdict, tested
+
+MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
+
+
+class LiveBank(kernels.Bank):
+    """A bank whose arrays for up to MOST samples exist once: what `step` returns is overwritten by the next call."""
+
+    def __init__(self, rig: Rig, settings: BankSettings, filter_kind: str = "ekf") -> None:
+        super().__init__(rig, settings, filter_kind=filter_kind)
+        self.w_cmd = np.empty(MOST)
+        self.feed = self._room(1)
+        self.out = kernels.written(MOST, len(self.hypotheses))
+        self.views: dict[int, tuple[Array, kernels.Feed, kernels.Written, Estimate]] = {}
+
+    def _room(self, substeps: int) -> kernels.Feed:
+        one = np.empty(MOST)
+        return kernels.Feed(
+            one, np.empty((MOST, 2 * substeps)), one.copy(), one.copy(), np.empty((MOST, 3)), np.empty(MOST, dtype=np.bool_)
+        )  # fmt: skip
+
+    def advance(self, log: Log) -> Estimate:
+        """As the bank of a log, without the samples that it keeps for onsets."""
+        estimate = super().advance(log)
+        self.recent = None
+        self.snapshots.clear()
+        if self.feed.interval.shape[1] != 2 * self.commands.substeps:
+            self.feed = self._room(self.commands.substeps)
+            self.views.clear()
+        return estimate
+
+    def step(self, rows: Array) -> Estimate:
+        """Estimate of at most MOST samples behind those of `advance`. rows: (n, 6) as in `Row`."""
+        if self.state is None or not self._placed(rows):
+            return self.advance(log_of(rows))
+        w_cmd, now, out, estimate = self._views(len(rows))
+        self.commands.fill(now.t, w_cmd, now.w_cmd, now.interval)
+        now.active[:] = kernels.under_way(now.interval, now.w_cmd)
+        self._run(now, out)
+        self.samples.t, self.samples.w, self.samples.theta = now.t[-1], w_cmd[-1], now.theta[-1]
+        return estimate
+
+    def _placed(self, rows: Array) -> bool:
+        """Put samples into the arrays; whether `LogStream` would take them as they are."""
+        before, longest = self.samples.t, self.samples.longest * (1.0 + 1e-6)
+        return bool(feed.place(rows, before, longest, self.feed.t, self.feed.z, self.feed.theta, self.w_cmd))
+
+    def _views(self, n: int) -> tuple[Array, kernels.Feed, kernels.Written, Estimate]:
+        """The arrays for n samples, and the estimate made of them; kept until n is another."""
+        if n not in self.views:
+            now, out = self.feed.cut(0, n), self.out.cut(0, n)
+            self.views = {n: (self.w_cmd[:n], now, out, self._estimate(now, out))}
+        return self.views[n]
+
+
+def table_of(rows: Sequence[Row] | Array) -> Array:
+    """Samples as an array, (n, 6)."""
+    return np.asarray(rows, dtype=np.float64, order="C").reshape(-1, len(Row._fields))
+
+
+def log_of(table: Array) -> Log:
+    """Samples (n, 6) as a log."""
+    t, z, pitch, w_cmd = table[:, 0].copy(), table[:, 1:4].copy(), table[:, 4].copy(), table[:, 5].copy()
+    return Log("stream", t, z, w_cmd, pitch)
+
+
+class Change(NamedTuple):
+    """A verdict that is another than before: time [s] and number of the sample, the verdict, and the number of the move."""
+
+    time_s: float
+    event: Event
+    moves: int
+    samples: int
+
+
+class Live:
+    """One stream under way: `add` samples in order, take the changes of the verdict.
+
+    The first samples are held until the sampling interval and the first readings are known (at most START_ROWS).
+    """
+
+    def __init__(
+        self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
+    ) -> None:
+        compiled = engine == "compiled"
+        self.fast = LiveBank(rig, settings.bank, filter_kind) if compiled else None
+        self.bank = self.fast or make_bank(rig, settings, engine, filter_kind)
+        modes = tuple(h.name for h in self.bank.hypotheses)
+        self.settings = settings.decision
+        self.labels = tuple((label_of(mode), channel_of(mode)) for mode in modes)
+        self.isolator = Isolator(modes, settings.decision, consistent=False)
+        self.held: Array | None = table_of([])
+        self.told: tuple[str, str | None] | None = None
+        self.samples = self.moves = self.faulty = 0
+
+    def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
+        """The estimate of the samples, with tested probabilities, and the changes that they bring, batch by batch."""
+        table = table_of(rows)
+        if self.held is not None:
+            self.held = np.concatenate((self.held, table))
+            if not self._ready(self.held):
+                return
+            table, self.held = self.held, None
+            yield self._judged(self.bank.advance(log_of(table)))
+            return
+        for first in range(0, len(table), MOST):
+            batch = table[first : first + MOST]
+            yield self._judged(self.fast.step(batch) if self.fast else self.bank.advance(log_of(batch)))
+
+    def finish(self) -> Iterator[tuple[Estimate, list[Change]]]:
+        """What the samples say that were still held when the stream ended."""
+        table, self.held = self.held, None
+        if table is not None and table.size:
+            yield self._judged(self.bank.advance(log_of(table)))
+
+    @staticmethod
+    def _ready(table: Array) -> bool:
+        if len(table) >= beginning.START_ROWS:
+            return True
+        seen = np.isfinite(table[:, 1:4]).sum(axis=0)
+        return len(table) > feed.SETTLING and bool((seen >= beginning.START_READINGS).all())
+
+    def verdict(self) -> Event:
+        """The verdict on the move under way, or on the last one."""
+        tracker = self.isolator.current
+        return log_verdict([]) if tracker is None else tracker.verdict()
+
+    def _judged(self, e: Estimate) -> tuple[Estimate, list[Change]]:
+        self.samples += e.t.size
+        e = tested(e, self.settings)
+        return e, list(self._changes(e) if e.t.size > 1 else self._sample(e, 0))
+
+    def _changes(self, e: Estimate) -> Iterator[Change]:
+        """Sample by sample where a move begins or ends, the stretches between them at once."""
+        flips = np.flatnonzero(e.active != np.append(self.isolator.was_active, e.active[:-1]))
+        first = 0
+        for k in flips.tolist():
+            yield from self._stretch(e, first, k)
+            yield from self._sample(e, k)
+            first = k + 1
+        yield from self._stretch(e, first, e.t.size)
+
+    def _stretch(self, e: Estimate, first: int, last: int) -> Iterator[Change]:
+        """At once where no sample can change the verdict, else each half for itself."""
+        if last - first > 2:
+            if not self._quiet(rows_of(e, first, last)):
+                middle = (first + last) // 2
+                yield from self._stretch(e, first, middle)
+                yield from self._stretch(e, middle, last)
+            return
+        for k in range(first, last):
+            yield from self._sample(e, k)
+
+    def _sample(self, e: Estimate, k: int) -> Iterator[Change]:
+        """The verdict where it is certain, or its move has ended, and is another than the one last told."""
+        self._track(self.isolator, rows_of(e, k, k + 1))
+        tracker = self.isolator.current
+        if tracker is None:
+            return
+        event = tracker.verdict()
+        if self._told(event) or (e.active[k] and event.probability < self.settings.isolated):
+            return
+        self.told = event.label, event.channel
+        yield Change(float(e.t[k]), event, self.moves, self.samples - e.t.size + k + 1)
+
+    def _told(self, event: Event) -> bool:
+        return (event.label, event.channel) == self.told
+
+    def _quiet(self, e: Estimate) -> bool:
+        """Take samples at once if none of them can change the verdict; else leave everything as it was.
+
+        The samples go on as the one before them: all in motion, or all at rest.
+        """
+        before = self.isolator.current
+        winner = e.probability.argmax(axis=1)
+        if before is not None:
+            calm = (winner == winner[0]).all() if e.active[0] else before.rests_calmly(e.nis)
+            if not calm:
+                return False
+        trial = copy.deepcopy(self.isolator, {id(self.settings): self.settings})
+        self._track(trial, e)
+        now = trial.current
+        if before is None or now is None:
+            quiet = before is now
+        else:
+            quiet = now.grounds() == before.grounds() and self._silent(now.verdict(), e, int(winner[0]))
+        if quiet:
+            self.isolator = trial
+        return quiet
+
+    def _silent(self, event: Event, e: Estimate, winner: int) -> bool:
+        """Whether no sample tells the verdict of the last one, where all of them have the same."""
+        if self._told(event):
+            return True
+        if not e.active[0] or event.probability >= self.settings.isolated:
+            return False
+        its = [j for j, (label, _) in enumerate(self.labels) if label == event.label or j == winner]
+        return bool((e.probability[:, its].sum(axis=1) < self.settings.isolated).all())
+
+    def _track(self, isolator: Isolator, e: Estimate) -> None:
+        move = isolator.current
+        for _ in isolator.add(e):
+            pass
+        self.moves += isolator.current is not move
+        for event in isolator.events:
+            self.faulty += event.label != "nominal"
+        isolator.events.clear()
+
+
+def rows_of(e: Estimate, first: int, last: int) -> Estimate:
+    """Samples first:last of an estimate."""
+    if last - first == e.t.size:
+        return e
+    return replace(e, **{name: getattr(e, name)[first:last] for name in _ROWS})
+
+
+_ROWS = ("t", "probability", "nis", "predicted", "normalised", "states", "active", "density", "strain")

@@ -1,0 +1,401 @@
+"""The bank on a live stream: lines from standard input or a growing file, one JSON line per change of verdict.
+
+The stream goes lines -> samples (`lines.py`) -> bank and verdict (`live.py`) -> lines. A signal ends it cleanly.
+"""
+
+import contextlib
+import gc
+import json
+import math
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs.columns import PLAIN, ColumnMap
+from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
+from observer_fi.logs.plain_lines import numbers
+from observer_fi.physics.rigs import Rig
+from observer_fi.records import LABELS, Array, Estimate, Event
+from observer_fi.serve.live import Change, Live, table_of
+from observer_fi.settings import Settings
+from observer_fi.verdict.isolate import label_of
+
+SCHEMA = "observer-fi/watch/1"
+READ_BYTES = 1 << 16
+FEW_BYTES = 1 << 12  # of lines: fewer are parsed sooner one by one
+BUSY_S, IDLE_S = 5e-4, 0.02  # how often a file is looked at while it grows, and when it has not for a second
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may choose. every: samples between lines with the posterior, 0 for none; heartbeat_s: seconds without
+    a line after which one is written, 0 for none."""
+
+    rig: Rig
+    settings: Settings
+    columns: ColumnMap = PLAIN
+    engine: str = "compiled"
+    filter_kind: str = "ekf"
+    every: int = 0
+    heartbeat_s: float = 0.0
+    quiet: bool = False
+
+
+class Pipe:
+    """Standard input, or any other descriptor that ends."""
+
+    name = "standard input"
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+
+    def read(self, wake: int, timeout: float) -> bytes | None:
+        """The next bytes; b"" after `timeout` seconds without any, None at the end."""
+        ready, _, _ = select.select([self.descriptor, wake], [], [], timeout)
+        if self.descriptor not in ready:
+            return b""
+        return os.read(self.descriptor, READ_BYTES) or None
+
+    def renewed(self) -> str:
+        """Whether another writer has begun: a pipe cannot know."""
+        return ""
+
+    def close(self) -> None:
+        """Nothing to close: the descriptor is the caller's."""
+
+
+class Growing:
+    """A file that another process writes; it may be cut, or replaced by a new one of the same name."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, str(path)
+        self.descriptor, self.inode, self.news = -1, -1, ""
+        self.last_growth = -math.inf
+        self._open()
+
+    def _open(self) -> None:
+        try:
+            self.descriptor = os.open(self.path, os.O_RDONLY)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise UsageError(
+                f"{self.path}: cannot follow it ({error.strerror}); check the path and its permissions"
+            ) from error
+        self.inode = os.fstat(self.descriptor).st_ino
+
+    def read(self, wake: int, timeout: float) -> bytes | None:
+        """The next bytes; b"" after `timeout` seconds without any. A growing file has no end."""
+        until = time.monotonic() + timeout
+        while True:
+            data = self._grown()
+            now = time.monotonic()
+            if data or self.news or now >= until:
+                self.last_growth = now if data else self.last_growth
+                return data
+            pause = BUSY_S if now - self.last_growth < 1.0 else IDLE_S
+            if select.select([wake], [], [], min(pause, until - now))[0]:
+                return b""
+
+    def _grown(self) -> bytes:
+        if self.descriptor < 0:
+            self._open()
+        data = os.read(self.descriptor, READ_BYTES) if self.descriptor >= 0 else b""
+        if not data and self.descriptor >= 0:
+            self._look_for_restart()
+        return data
+
+    def _look_for_restart(self) -> None:
+        try:
+            found = os.stat(self.path)
+        except OSError:
+            return  # between two files: what is open can still grow
+        if found.st_ino != self.inode:
+            os.close(self.descriptor)
+            self._open()
+            self.news = "the file was replaced"
+        elif found.st_size < os.lseek(self.descriptor, 0, os.SEEK_CUR):
+            os.lseek(self.descriptor, 0, os.SEEK_SET)
+            self.news = "the file was cut"
+
+    def renewed(self) -> str:
+        """What happened, if the file began anew since the last call."""
+        news, self.news = self.news, ""
+        return news
+
+    def close(self) -> None:
+        """Close the file."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+
+
+class Watch:
+    """One source under way, from bytes to lines of output."""
+
+    def __init__(self, options: Options, name: str, out: TextIO, complain: Callable[[str], None]) -> None:
+        self.options, self.name, self.out, self.complain = options, name, out, complain
+        self.splitter, self.parser, self.clock = Splitter(), Parser(name, options.columns), Clock()
+        self.live = self._new_live()
+        self.rows: list[Row] = []
+        self.tables: list[Array] = []  # samples before those of `rows`
+        self.last_t = math.nan
+        self.skipped = self.faulty = self.moves = self.samples = 0
+
+    def _new_live(self) -> Live:
+        o = self.options
+        return Live(o.rig, o.settings, o.engine, o.filter_kind)
+
+    def take(self, data: bytes) -> None:
+        """Bytes of the source."""
+        self._block(self.splitter.block(data))
+        self._feed()
+
+    def _block(self, block: bytes) -> None:
+        """Lines: at once where all are plain samples in order, else each half for itself, and a few one by one."""
+        if len(block) < FEW_BYTES:
+            self._lines(block)
+        elif not self._at_once(block):
+            middle = block.find(b"\n", len(block) // 2) + 1
+            if middle == len(block):
+                self._lines(block)
+            else:
+                self._block(block[:middle])
+                self._block(block[middle:])
+
+    def _lines(self, block: bytes) -> None:
+        for line in lines_of(block):
+            self._line(line)
+
+    def _at_once(self, block: bytes) -> bool:
+        table = self.parser.table(block)
+        if table is None or not self.clock.passes(table):
+            return False
+        self.parser.number += block.count(b"\n")
+        self._hold(table)
+        return True
+
+    def _line(self, line: str) -> None:
+        try:
+            row = self.parser.row(line)
+        except BrokenLineError as error:
+            self._skip(str(error))
+            return
+        if self.parser.restarted:
+            self._feed()
+            self._new_clock("the header stands there again")
+        if row is None:
+            return
+        for ready in self.clock.take(row, self._skip):
+            if ready is None:
+                self._feed()
+                self._restart_bank(f"the clock jumped back from {self.last_t:.9g} s")
+            else:
+                self.rows.append(ready)
+
+    def _skip(self, what: str) -> None:
+        self.skipped += 1
+        self.complain(f"{self.name}: line {self.parser.number}: {what}; skipped")
+
+    def _hold(self, table: Array) -> None:
+        """Samples (n, 6) behind those that wait to be fed."""
+        self.tables += [table_of(self.rows), table] if self.rows else [table]
+        self.rows.clear()
+
+    def _feed(self) -> None:
+        """All that waits, in one piece: how it was parsed must not change a digit."""
+        table = table_of(self.rows)
+        if self.tables:
+            table = np.concatenate((*self.tables, table))
+        self.rows.clear()
+        self.tables.clear()
+        if len(table):
+            self.last_t = float(table[-1, 0])
+            self._tell(self.live.add(table))
+
+    def _tell(self, judged: Iterator[tuple[Estimate, list[Change]]]) -> None:
+        for e, changes in judged:
+            before, done = self.live.samples - e.t.size, 0
+            for change in changes:
+                self._posteriors(e, before, done, change.samples - before)
+                done = change.samples - before
+                self._write("verdict", change.time_s, change.event, change.moves, change.samples)
+            self._posteriors(e, before, done, e.t.size)
+
+    def _posteriors(self, e: Estimate, before: int, first: int, last: int) -> None:
+        """Every Nth sample of a stream, of those from first to last of an estimate with `before` samples ahead of it."""
+        every = self.options.every
+        for k in range(first + (-before - first - 1) % every, last, every) if every else ():
+            line = {"schema": SCHEMA, "event": "sample", "time_s": float(e.t[k])}
+            self._line_out(line | {"posterior": posterior(e.modes, e.probability[k])})
+
+    def restart(self, reason: str) -> None:
+        """The writer began anew: a header, another clock, another bank."""
+        if self.splitter.last():
+            self._skip("the line breaks off")
+        self.parser.begin()
+        self._new_clock(reason)
+
+    def _new_clock(self, reason: str) -> None:
+        self._flush()
+        self.clock = Clock()
+        self._restart_bank(reason)
+
+    def _restart_bank(self, reason: str) -> None:
+        self._tell(self.live.finish())
+        if not self.options.quiet:
+            self.complain(f"{self.name}: {reason}: a new bank begins")
+        self._state("restart", reason)
+        self._count()
+        self.live = self._new_live()
+
+    def _count(self) -> None:
+        self.samples, self.moves = self.samples + self.live.samples, self.moves + self.live.moves
+        self.faulty += self.live.faulty + (self.live.moves > 0 and self.live.verdict().label != "nominal")
+
+    def _flush(self) -> None:
+        self.rows.extend(self.clock.finish(self._skip))
+        self._feed()
+
+    def heartbeat(self) -> None:
+        """A line that says that nothing changed."""
+        self._state("heartbeat")
+
+    def finish(self, reason: str) -> bool:
+        """The last verdict; whether any move had a fault."""
+        self._block(self.splitter.last())
+        self._flush()
+        self._tell(self.live.finish())
+        self._state("end", reason)
+        self._count()
+        return self.faulty > 0
+
+    def _state(self, event: str, reason: str | None = None) -> None:
+        self._write(event, self.last_t, self.live.verdict(), self.live.moves, self.live.samples, reason)
+
+    def _write(
+        self, event: str, now: float, verdict: Event, moves: int, samples: int, reason: str | None = None
+    ) -> None:
+        line: dict[str, Any] = {
+            "schema": SCHEMA,
+            "event": event,
+            "time_s": now,
+            "label": verdict.label,
+            "channel": verdict.channel,
+            "probability": verdict.probability,
+            "posterior": verdict.posterior,
+            "since_s": verdict.isolated_s,
+            "detected_s": verdict.detected_s,
+            "move": self.moves + moves,
+            "move_start_s": verdict.start_s,
+            "samples": self.samples + samples,
+            "skipped": self.skipped,
+            "reasons": [*verdict.reasons, *([reason] if reason else [])],
+        }
+        self._line_out(line)
+
+    def _line_out(self, line: dict[str, Any]) -> None:
+        values = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in line.items()}
+        self.out.write(json.dumps(values, allow_nan=False) + "\n")
+        self.out.flush()
+
+
+def posterior(modes: tuple[str, ...], probability: Array) -> dict[str, float]:
+    """Probabilities of the hypotheses, (m,), by label."""
+    found = dict.fromkeys(LABELS, 0.0)
+    for mode, p in zip(modes, probability.tolist(), strict=True):
+        found[label_of(mode)] += p
+    return found
+
+
+def watch(source: Pipe | Growing, options: Options, out: TextIO, complain: Callable[[str], None]) -> bool:
+    """Follow a source until it ends, or until SIGINT or SIGTERM; whether any move had a fault.
+
+    Raises InvalidLogError for a stream of which no line can be used (no header, a column missing).
+    """
+    with signals() as (wake, stopped):
+        warm_up(options)
+        flow = Watch(options, source.name, out, complain)
+        told = time.monotonic()
+        while True:
+            beat = options.heartbeat_s
+            timeout = max(0.0, told + beat - time.monotonic()) if beat else 1.0
+            data = source.read(wake, timeout)
+            if stopped():
+                return flow.finish("stopped by a signal")
+            if data is None:
+                return flow.finish("the stream ended")
+            news = source.renewed()
+            if news:
+                flow.restart(news)
+            if data:
+                flow.take(data)
+            if beat and time.monotonic() - told >= beat:
+                flow.heartbeat()
+                told = time.monotonic()
+
+
+def warm_up(options: Options) -> None:
+    """Load the kernels and the parser, and leave nothing to the garbage collector, before the first line comes."""
+    numbers(b"0\n", ",", ".", 1, (0,))
+    live = Live(options.rig, options.settings, options.engine, options.filter_kind)
+    for k in range(80):
+        for _ in live.add([Row(k * 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)]):
+            pass
+    gc.collect()
+    gc.freeze()
+
+
+@contextlib.contextmanager
+def signals() -> Iterator[tuple[int, Callable[[], bool]]]:
+    """A descriptor that wakes `select` on SIGINT or SIGTERM, and whether one came; handlers are put back at the end."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    came: list[int] = []
+    wanted = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda number, frame: came.append(number)) for number in wanted]
+    before_fd = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    try:
+        yield read, lambda: bool(came)
+    finally:
+        signal.set_wakeup_fd(before_fd)
+        for number, handler in zip(wanted, before, strict=True):
+            signal.signal(number, handler)
+        os.close(read)
+        os.close(write)
+
+
+def run(args: Any, complain: Callable[[str], None]) -> int:
+    """The command: 0, or 3 with --fail-on-fault after a fault."""
+    from observer_fi.logs.ingest import load_columns
+    from observer_fi.physics.rigs import load_rig
+    from observer_fi.settings import load_settings
+
+    if args.every < 0 or not args.heartbeat >= 0.0:
+        raise UsageError("--every and --heartbeat must not be negative")
+    columns = load_columns(args.columns) if args.columns else PLAIN
+    options = Options(
+        load_rig(args.rig), load_settings(args.settings), columns, args.engine, args.filter, args.every,
+        args.heartbeat, args.quiet,
+    )  # fmt: skip
+    if args.follow is None and sys.stdin.isatty():
+        raise UsageError(
+            "watch reads samples from standard input: pipe a logger into it, or give --follow FILE"
+        )
+    source = Pipe(sys.stdin.fileno()) if args.follow is None else Growing(args.follow)
+    try:
+        faulty = watch(source, options, sys.stdout, complain)
+    finally:
+        source.close()
+    return 3 if faulty and args.fail_on_fault else 0
+
+
+__all__ = ["InvalidLogError", "Options", "Pipe", "Growing", "Watch", "watch"]

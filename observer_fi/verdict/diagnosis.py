@@ -1,0 +1,342 @@
+"""A log in, a verdict out: file -> chunks -> bank -> isolation -> Outcome, in memory that does not grow with the log."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from observer_fi.bank import compiled_bank as kernels
+from observer_fi.bank.hypotheses import Hypothesis
+from observer_fi.logs.columns import ColumnMap
+from observer_fi.logs.ingest import CHUNK_ROWS, log_name, open_log, read_log
+from observer_fi.logs.moves import log_segments
+from observer_fi.logs.units import suspect_units
+from observer_fi.physics.rigs import Rig
+from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
+from observer_fi.settings import Settings
+from observer_fi.verdict import explain
+from observer_fi.verdict import traces as sketch
+from observer_fi.verdict.isolate import EventTracker, Isolator, Run, label_of, tested
+from observer_fi.verdict.onset import Filters, onset_in
+from observer_fi.verdict.open_loop import Mixture
+
+ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
+MIXTURE_POINTS = 2000
+
+
+class AnyBank(Protocol):
+    """What both engines offer."""
+
+    hypotheses: tuple[Hypothesis, ...]
+
+    def advance(self, log: Log) -> Estimate:
+        """Estimate of the next samples."""
+
+
+def make_bank(rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf") -> AnyBank:
+    """The bank of an engine: "compiled" or, for comparison, "filterpy"; filter_kind "ekf" or "ukf"."""
+    if engine == "filterpy":
+        from observer_fi.bank.filterpy_bank import FilterpyBank  # filterpy is slow to import
+
+        return FilterpyBank(rig, settings.bank, filter_kind=filter_kind)
+    return kernels.Bank(rig, settings.bank, filter_kind=filter_kind)
+
+
+def diagnose(
+    path: str | Path,
+    rig: Rig,
+    settings: Settings,
+    *,
+    engine: str = "compiled",
+    filter_kind: str = "ekf",
+    columns: ColumnMap | None = None,
+    detected_at: float | None = None,
+) -> Outcome:
+    """The verdict on one log file. detected_at: time of an external detection [s]; the verdict starts there.
+
+    Raises InvalidLogError with the one line for the user.
+    """
+    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+    file = open_log(path, columns)
+    recovered = None if file.has_command else _recovered(path, rig, columns)
+    run.add_all(file.chunks() if recovered is None else _pieces(recovered))
+    whole = file.summary if recovered is None else recovered
+    facts: dict[str, Any] = {
+        "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
+        "rejected_count": whole.rejected_count, "notes": whole.notes,
+    }  # fmt: skip
+    return run.outcome(log_name(path), facts)
+
+
+def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
+    """The whole log with the command that its data show, noted."""
+    from observer_fi.logs.command_recovery import recover_command
+
+    return recover_command(read_log(path, columns), rig.model)
+
+
+def _pieces(log: Log) -> Iterator[Log]:
+    for first in range(0, log.t.size, CHUNK_ROWS):
+        yield _part(log, slice(first, first + CHUNK_ROWS))
+
+
+def diagnose_log(
+    log: Log, rig: Rig, settings: Settings, *, engine: str = "compiled", filter_kind: str = "ekf"
+) -> Outcome:
+    """The verdict on a log in memory."""
+    return judged(log, rig, settings, engine, filter_kind)[0]
+
+
+def judged(
+    log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
+) -> tuple[Outcome, Estimate]:
+    """The verdict on a log in memory, and the bank's estimate that it rests on."""
+    run = Diagnosis(rig, settings, engine, filter_kind)
+    estimate = run.add(log)
+    facts = {
+        k: getattr(log, k) for k in ("sha256", "metadata", "gaps", "rejected", "rejected_count", "notes")
+    }
+    return run.outcome(log_name(log.path), facts), estimate
+
+
+class Diagnosis:
+    """One log under way: `add` its chunks in order, then `outcome`."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        settings: Settings,
+        engine: str = "compiled",
+        filter_kind: str = "ekf",
+        detected_at: float | None = None,
+    ) -> None:
+        self.rig, self.settings, self.detected_at = rig, settings, detected_at
+        self.engine, self.filter_kind = engine, filter_kind
+        self.bank = make_bank(rig, settings, engine, filter_kind)
+        # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
+        self.keeper: kernels.Bank = (
+            self.bank
+            if isinstance(self.bank, kernels.Bank)
+            else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
+        )
+        self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
+        modes = tuple(h.name for h in self.bank.hypotheses)
+        self.isolator = Isolator(modes, settings.decision)
+        self.onsets: dict[tuple[float, int], Any] = {}
+        self.overview, self.zoom = sketch.Overview(), Zoom()
+        self.baseline = Baseline(rig, settings)
+        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
+        self.path = ""
+        self.suspects: tuple[str, ...] | None = None
+
+    def add_all(self, logs: Iterable[Log]) -> None:
+        """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
+        with ThreadPoolExecutor(1) as thread:
+            before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
+            for log in logs:
+                ahead = log, thread.submit(self._advanced, log)
+                if before is not None:
+                    self._judge(before[0], *before[1].result())
+                before = ahead
+            if before is not None:
+                self._judge(before[0], *before[1].result())
+
+    def add(self, log: Log) -> Estimate:
+        """Take the next chunk; the bank's estimate of it."""
+        estimate, memory = self._advanced(log)
+        self._judge(log, estimate, memory)
+        return estimate
+
+    def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
+        """The bank's estimate of the next chunk, and what it remembers after it."""
+        estimate = self.bank.advance(log)
+        if self.keeper is not self.bank:
+            self.keeper.advance(log)
+        return estimate, self.keeper.memory()
+
+    def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
+        self.path, self.memory = log.path, memory
+        if not self.samples:
+            self.first, self.rate = float(log.t[0]), log.rate_hz
+        self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
+        if self.suspects is None and log.w_cmd.any():
+            self.suspects = suspect_units(log, log_segments(log), self.rig.model)
+        if self.detected_at is not None:
+            estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
+        for tracker in self.isolator.add(estimate):
+            self._look_for_onsets(tracker)
+        judged = tested(estimate, self.settings.decision)
+        rows_of = partial(sketch.rows, log, judged, self.rig)
+        self.overview.add(log.z, rows_of)
+        self.zoom.add(log.t, rows_of, self._point_of_interest(estimate))
+        detected = self.detected_at if self.detected_at is not None else self._first_detection()
+        self.baseline.add(log, estimate, detected)
+
+    def _look_for_onsets(self, tracker: EventTracker) -> None:
+        """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""
+        d = self.settings.decision
+        for j, run in {**tracker.latched, **tracker.certain}.items():
+            key, last = (tracker.start_s, j), run.since + d.onset_after_s
+            if j == 0 or (key in self.onsets and self.onsets[key][0] == (run.since, True)):
+                continue
+            first = max(tracker.start_s, min(run.detected, run.since) - d.onset_before_s)
+            found = onset_in(self.memory, self.bank.hypotheses[j], first, last, self.filters)
+            if found is not None:
+                self.onsets[key] = (
+                    (run.since, self.last >= last),
+                    found,
+                )  # again, where samples are still to come
+
+    def _point_of_interest(self, e: Estimate) -> float | None:
+        """What the zoom shows: the first fault's onset, else the first start of a move."""
+        if self.onsets:
+            return min(found.median for _, found in self.onsets.values())
+        event = self.isolator.current
+        return None if event is None else event.start_s + 0.1
+
+    def _first_detection(self) -> float | None:
+        """When nominal was first doubted on the way to a fault."""
+        times = [e.detected_s for e in self.isolator.events if e.detected_s is not None]
+        tracker = self.isolator.current
+        if tracker is not None:
+            times += [run.detected for j, run in {**tracker.latched, **tracker.certain}.items() if j != 0]
+        return min(times) if times else None
+
+    def _with_onset(self, event: Event) -> Event:
+        keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
+        modes = self.isolator.modes
+        for start, j in keys:
+            if label_of(modes[j]) == event.label and (
+                event.channel is None or modes[j].endswith(event.channel)
+            ):
+                found = self.onsets[start, j][1]
+                return event._replace(onset_s=found.median, onset_interval_s=(found.low, found.high))
+        if event.label != "nominal" and event.detected_s is not None:
+            return event._replace(
+                onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s)
+            )
+        return event
+
+    def outcome(self, name: str, facts: dict[str, Any]) -> Outcome:
+        """What was found. facts: fields of Log that describe the whole file."""
+        found = self.isolator.result()
+        events = tuple(self._with_onset(e) for e in found.events)
+        verdict = next(
+            (b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict
+        )
+        isolation = Isolation(verdict, events, found.consistency)
+        empty = np.empty(0)
+        facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
+        log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
+        m = len(self.isolator.modes)
+        mixture = self.baseline.traces()
+        return Outcome(
+            name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
+            self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
+            sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
+            {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
+             "detected_at": self.detected_at, **asdict(self.settings)},
+        )  # fmt: skip
+
+
+class Zoom:
+    """Every row within a window around a point that may still move to an earlier or later chunk."""
+
+    def __init__(self) -> None:
+        self.table: Array | None = None
+        self.point: float | None = None
+        self.tail: Array | None = None
+
+    def add(self, t: Array, rows_of: Callable[[slice], Array], point: float | None) -> None:
+        """Take the next samples: t (n,) and what makes rows of them; point: what to show [s], None where nothing has happened."""
+        before = self.tail if self.tail is not None else rows_of(slice(0, 0))
+        if point is not None:
+            low, high = point - ZOOM_BEFORE_S, point + ZOOM_AFTER_S
+            fresh = slice(int(np.searchsorted(t, low)), int(np.searchsorted(t, high, "right")))
+            near = np.vstack((before[(before[:, 0] >= low) & (before[:, 0] <= high)], rows_of(fresh)))
+            moved = self.point is not None and abs(point - self.point) > 1e-9
+            if self.table is None or moved:
+                self.table = near if near.size or self.table is None else self.table
+            elif near.size:
+                later = near[near[:, 0] > self.table[-1, 0]] if self.table.size else near
+                self.table = np.vstack((self.table, later))
+            self.point = point
+        last = t[-1] - 1.0
+        self.tail = np.vstack(
+            (before[before[:, 0] >= last], rows_of(slice(int(np.searchsorted(t, last)), None)))
+        )
+
+    def result(self) -> Array:
+        """The rows of the window; the last second of the log where there is nothing to show."""
+        if self.table is not None and self.table.size:
+            return self.table
+        return self.tail if self.tail is not None else np.empty((0, 0))
+
+
+class Baseline:
+    """The open-loop mixture beside the bank: runs from the first detection to the end of that move."""
+
+    def __init__(self, rig: Rig, settings: Settings) -> None:
+        self.rig, self.settings = rig, settings
+        self.mixture: Mixture | None = None
+        self.isolator: Isolator | None = None
+        self.before: Log | None = None
+        self.points: list[tuple[Array, Array, Array]] = []
+        self.ended = False
+
+    def add(self, log: Log, e: Estimate, detected_s: float | None) -> None:
+        """Take the next chunk and the bank's estimate of it."""
+        if not self.rig.has_servo:
+            return  # nothing to run open loop
+        if self.mixture is None and detected_s is not None:
+            first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
+            state = e.states[first, :3]
+            self.mixture = Mixture(
+                self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None
+            )
+            log, active = _part(log, slice(first, None)), e.active[first:]
+        else:
+            active = e.active
+        if self.mixture is None or self.ended or not log.t.size:
+            return
+        stopped = np.flatnonzero((log.w_cmd == 0.0) & ~active)
+        if stopped.size:
+            self.ended = True
+            log = _part(log, slice(None, max(int(stopped[0]), 1)))
+        self._advance(log)
+
+    def _advance(self, log: Log) -> None:
+        assert self.mixture is not None
+        estimate = self.mixture.advance(log)
+        if self.isolator is None:
+            self.isolator = Isolator(estimate.modes, self.settings.decision)
+        for _ in self.isolator.add(estimate):
+            pass
+        every = slice(None, None, max(1, log.t.size // MIXTURE_POINTS))
+        self.points.append((estimate.t[every], np.sqrt(estimate.nis[every]), estimate.predicted[every]))
+
+    def isolation(self) -> Isolation | None:
+        """The mixture's verdict, None where nothing was detected."""
+        return None if self.isolator is None else self.isolator.result()
+
+    def traces(self) -> tuple[Array, Array, Array] | None:
+        """Times, residual norms (q, 3) and predictions (q, 3, 3) of the mixture, None where it did not run."""
+        if not self.points:
+            return None
+        t, norm, y = (np.concatenate([p[k] for p in self.points]) for k in range(3))
+        every = slice(None, None, max(1, t.size // MIXTURE_POINTS))
+        return t[every], norm[every], y[every]
+
+
+def _part(log: Log, rows: slice) -> Log:
+    return replace(
+        log, t=log.t[rows], z=log.z[rows], w_cmd=log.w_cmd[rows], pitch=log.pitch[rows],
+        encoder=None if log.encoder is None else log.encoder[rows], force=None if log.force is None else log.force[rows],
+    )  # fmt: skip
+
+
+__all__ = ["Diagnosis", "Run", "diagnose", "diagnose_log", "judged", "make_bank"]

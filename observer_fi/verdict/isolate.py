@@ -1,0 +1,445 @@
+"""Estimates to verdicts: one decision rule for the bank and for the open-loop mixture.
+
+A verdict belongs to a move (an event): what a stop and a rest say cannot overturn it, except that they can show a sensor
+to be dead. Everything is causal and works on chunks of any length, one sample included, so that a log, an hour in chunks
+and a stream end in the same verdict.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.bank.log_feed import usual_step
+from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
+from observer_fi.settings import DecisionSettings
+
+Mask = NDArray[np.bool_]
+NOMINAL, UNKNOWN = "nominal", "unknown"
+
+
+def label_of(mode: str) -> str:
+    """Label of the verdict for a hypothesis: "sensor:current" is a sensor_fault."""
+    return "sensor_fault" if mode.startswith("sensor:") else mode
+
+
+def channel_of(mode: str) -> str | None:
+    """Channel of a sensor hypothesis, None for the others."""
+    return mode.split(":", 1)[1] if mode.startswith("sensor:") else None
+
+
+SETTLING = 8  # samples after a change of winner
+
+
+class Run(NamedTuple):
+    """Since when a hypothesis has been certain, and since when nominal was doubted before that [s]."""
+
+    since: float
+    detected: float
+
+
+def tested(estimate: Estimate, settings: DecisionSettings) -> Estimate:
+    """The estimate with its mode probabilities after the absolute test of constants.
+
+    A hypothesis whose own constants are beyond what rigs show explains the data with a plant that does not exist: its
+    probability goes to "none of these".
+    """
+    if UNKNOWN not in estimate.modes or not estimate.strain.size:
+        return estimate
+    unknown = estimate.modes.index(UNKNOWN)
+    strained = estimate.strain > settings.strain_limit
+    strained[:, unknown] = False
+    if not strained.any():
+        return estimate
+    p = estimate.probability.copy()
+    p[:, unknown] += np.where(strained, p, 0.0).sum(axis=1)
+    p[strained] = 0.0
+    return replace(estimate, probability=p)
+
+
+class Measured:
+    """Which channels a log measures, as the innovations of the winner show; a failed sensor shows none of its own."""
+
+    def __init__(self) -> None:
+        self.there = np.zeros(len(CHANNELS), dtype=np.bool_)
+        self.missed = np.zeros(len(CHANNELS), dtype=np.bool_)
+
+    def add(self, e: Estimate) -> None:
+        """Take more samples."""
+        there = np.isfinite(e.normalised)
+        self.there |= there.any(axis=0)
+        if self.there.all():
+            return
+        winner = e.probability.argmax(axis=1)
+        for c, name in enumerate(CHANNELS):
+            failed = e.modes.index(f"sensor:{name}") if f"sensor:{name}" in e.modes else -1
+            self.missed[c] |= bool((~there[:, c] & (winner != failed)).any())
+
+    def lacks(self, channel: str) -> bool:
+        """Whether the channel was missing wherever it could have been seen."""
+        c = CHANNELS.index(channel)
+        return bool(self.missed[c] and not self.there[c])
+
+
+class EventTracker:
+    """Follows one move through its chunks: `add` the samples of the move, then `verdict`."""
+
+    def __init__(
+        self,
+        modes: tuple[str, ...],
+        start_s: float,
+        settings: DecisionSettings,
+        channels: "Measured | None" = None,
+    ) -> None:
+        self.modes = modes
+        self.settings = settings
+        self.start_s = self.end_s = start_s
+        self.certain: dict[int, Run] = {}
+        self.latched: dict[int, Run] = {}
+        self.doubted = np.nan
+        self.final: Array | None = None
+        self.ratios = np.empty(0)
+        self.nominal_ratios = np.empty(0)
+        self.not_nominal = -np.inf
+        self.winner = -1
+        self.unsettled = np.zeros(SETTLING - 1, dtype=np.bool_)
+        self.misfits: dict[int, float] = {}
+        self.strained: set[int] = set()
+        self.rest_nis = np.zeros(len(modes))
+        self.rest_samples = 0
+        self.dof = 3.0  # channels
+        self.channels = Measured() if channels is None else channels
+
+    def add(self, e: Estimate, window: int) -> None:
+        """Take the next samples of this move, its stop and the rest after it. window: samples in `window_s`."""
+        if not e.t.size:
+            return
+        self.end_s = float(e.t[-1])
+        self.channels.add(e)
+        if e.active.all():
+            self._add_motion(e, window)
+            return
+        if e.active.any():
+            self._add_motion(_rows(e, e.active), window)
+        self._add_rest(e.nis[~e.active])
+
+    def _add_motion(self, e: Estimate, window: int) -> None:
+        p = e.probability
+        self.strained |= set(
+            np.flatnonzero((e.strain > self.settings.strain_limit).any(axis=0)).tolist()
+            if e.strain.size
+            else ()
+        )
+        self._misfit(e, p, window)
+        nominal = p[:, 0] >= 0.5
+        certain = p > self.settings.isolated
+        for j in {*self.certain, *np.flatnonzero(certain.any(axis=0)).tolist()}:
+            self._runs(j, e.t, certain[:, j], nominal)
+        sure = np.flatnonzero(nominal)
+        if sure.size:
+            after = sure[-1] + 1
+            self.doubted = float(e.t[after]) if after < e.t.size else np.nan
+        elif np.isnan(self.doubted):
+            self.doubted = float(e.t[0])
+        self.final = p[-1]
+
+    def _runs(self, j: int, t: Array, sure: Mask, nominal: Mask) -> None:
+        """Update since when hypothesis j is certain; a long run that ends stays on record."""
+        if not sure[0]:
+            self._close(j, float(t[0]))
+        elif j not in self.certain:
+            self.certain[j] = Run(float(t[0]), self._doubted_before(0, t, nominal))
+        for k in (np.flatnonzero(np.diff(sure)) + 1).tolist():
+            if sure[k]:
+                self.certain[j] = Run(float(t[k]), self._doubted_before(k, t, nominal))
+            else:
+                self._close(j, float(t[k]))
+
+    def _close(self, j: int, now: float) -> None:
+        run = self.certain.pop(j, None)
+        if run is None or j in self.latched or now - run.since < self.settings.latch_s:
+            return
+        entered = (
+            label_of(self.modes[j]) == "overload"
+        )  # nominal is entered from it, and so fits all the time
+        if entered or self.not_nominal >= run.since:
+            self.latched[j] = run
+
+    def _doubted_before(self, k: int, t: Array, nominal: Mask) -> float:
+        """First sample after nominal was last more likely than not, up to sample k."""
+        sure = np.flatnonzero(nominal[: k + 1])
+        if sure.size:
+            return float(t[min(sure[-1] + 1, t.size - 1)]) if sure[-1] < k else float(t[k])
+        return float(t[0]) if np.isnan(self.doubted) else self.doubted
+
+    def _misfit(self, e: Estimate, p: Array, window: int) -> None:
+        """When the winner's mean NIS over a window, over its expectation, first exceeded what a right model shows.
+
+        Samples on which no hypothesis is certain, or has only just become so, are not held against the winner.
+        """
+        self._no_nominal(e, window)
+        winner = p.argmax(axis=1)
+        nis = e.nis[np.arange(e.t.size), winner]
+        measured = np.isfinite(e.normalised).sum(axis=1)
+        ratio = np.where(measured > 0, nis / np.maximum(measured, 1), 1.0)
+        changed = np.diff(winner, prepend=self.winner) != 0
+        changed |= p.max(axis=1) <= self.settings.isolated
+        changed = np.concatenate((self.unsettled, changed))
+        settling = np.convolve(changed, np.ones(SETTLING), "valid") > 0
+        joined = np.concatenate((self.ratios, np.where(settling, 1.0, ratio)))
+        if joined.size >= window > 0:
+            mean = np.convolve(joined, np.ones(window) / window, "valid")
+            over = np.flatnonzero(mean > self.settings.nis_limit) + window - 1 - self.ratios.size
+            wrong, first = np.unique(winner[over], return_index=True)
+            for j, k in zip(wrong.tolist(), over[first].tolist(), strict=True):
+                self.misfits.setdefault(j, float(e.t[k]))
+        self.winner, self.unsettled = int(winner[-1]), changed[1 - SETTLING :]
+        self.ratios = joined[-(window - 1) :]
+
+    def _no_nominal(self, e: Estimate, window: int) -> None:
+        """When the mean NIS of nominal over a window last exceeded what the start of a rig that is off shows."""
+        measured = np.maximum(np.isfinite(e.normalised).sum(axis=1), 1)
+        joined = np.concatenate((self.nominal_ratios, np.nan_to_num(e.nis[:, 0] / measured)))
+        if joined.size >= window > 0:
+            mean = np.convolve(joined, np.ones(window) / window, "valid")
+            over = np.flatnonzero(mean > self.settings.latch_nis)
+            if over.size:
+                self.not_nominal = float(e.t[over[-1] + window - 1 - self.nominal_ratios.size])
+        self.nominal_ratios = joined[-(window - 1) :]
+
+    def _add_rest(self, nis: Array) -> None:
+        """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""
+        self.rest_nis += self._capped(nis).sum(axis=0)
+        self.rest_samples += nis.shape[0]
+
+    def _capped(self, nis: Array) -> Array:
+        return np.minimum(np.nan_to_num(nis), 10.0 * self.dof)
+
+    def _rest_misfits(self, nis: Any, samples: Any) -> Any:
+        """Whether the NIS of a hypothesis, summed over samples at rest, is beyond what a right one shows."""
+        return nis >= self.settings.rest_limit * self.dof * samples
+
+    def grounds(self) -> tuple[object, ...]:
+        """What the label of the verdict depends on, besides the winner in motion and the evidence at rest."""
+        there, missed = self.channels.there.tolist(), self.channels.missed.tolist()
+        return tuple(self.latched), tuple(self.misfits), there, missed
+
+    def rests_calmly(self, nis: Array) -> bool:
+        """Whether more samples at rest, nis (n, m), leave the verdict of the motion as it is after each of them."""
+        p = self.final
+        sums = self.rest_nis + self._capped(nis).cumsum(axis=0)
+        samples = self.rest_samples + np.arange(1, len(nis) + 1)
+        return p is not None and not self._rest_misfits(sums[:, int(p.argmax())], samples).any()
+
+    def verdict(self) -> Event:
+        """The verdict on the move so far."""
+        p = np.eye(len(self.modes))[0] if self.final is None else self.final
+        j = int(p.argmax())
+        run = self.certain.get(j)
+        reasons: list[str] = []
+        if self.modes[j] == NOMINAL:
+            came_and_went = {
+                k: r for k, r in self.latched.items() if label_of(self.modes[k]) not in (NOMINAL, UNKNOWN)
+            }
+            if came_and_went:
+                j, run = min(came_and_went.items(), key=lambda item: item[1].since)
+                p = self._given(j, self.settings.isolated)
+                reasons.append("the fault came and went within the move")
+            else:
+                j, run, p = self._after_rest(j, run, p, reasons)
+        j, p = self._measured(j, p, reasons)
+        if self.modes[j] == UNKNOWN and self.strained:
+            names = ", ".join(self.modes[k].replace("_", " ") for k in sorted(self.strained))
+            reasons.append(f"{names} would fit only with constants that no rig shows")
+        if j in self.misfits and self.modes[j] != UNKNOWN and UNKNOWN in self.modes:
+            since = self.misfits[j]
+            reasons.append(
+                f"the best hypothesis, {self.modes[j]}, does not explain the innovations from {since:.3f} s on"
+            )
+            j, run = self.modes.index(UNKNOWN), Run(since, since)
+            p = self._given(j, self.settings.isolated)
+        return self._event(j, run, p, tuple(reasons))
+
+    def _measured(self, j: int, p: Array, reasons: list[str]) -> tuple[int, Array]:
+        """A sensor that is not there cannot have failed: what it would explain is something else."""
+        channel = channel_of(self.modes[j])
+        if channel is None or UNKNOWN not in self.modes or not self.channels.lacks(channel):
+            return j, p
+        reasons.append(f"the {channel} is not measured, so its sensor cannot be what is wrong")
+        unknown, p = self.modes.index(UNKNOWN), p.copy()
+        p[unknown] += p[j]
+        p[j] = 0.0
+        return unknown, p
+
+    def _after_rest(
+        self, j: int, run: Run | None, p: Array, reasons: list[str]
+    ) -> tuple[int, Run | None, Array]:
+        """A stop and rest that nominal cannot explain and one failed sensor can."""
+        sensors = [k for k, mode in enumerate(self.modes) if channel_of(mode)]
+        if (
+            not sensors
+            or self.rest_samples == 0
+            or not self._rest_misfits(self.rest_nis[j], self.rest_samples)
+        ):
+            return j, run, p
+        best = min(sensors, key=lambda k: float(self.rest_nis[k]))
+        if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
+            return j, run, p
+        reasons.append("the stop and the rest after the move show it")
+        return best, None, self._given(best, self.settings.isolated)
+
+    def _given(self, j: int, probability: float) -> Array:
+        p = np.full(len(self.modes), (1.0 - probability) / (len(self.modes) - 1))
+        p[j] = probability
+        return p
+
+    def _event(self, j: int, run: Run | None, p: Array, reasons: tuple[str, ...]) -> Event:
+        mode = self.modes[j]
+        posterior = dict.fromkeys(LABELS, 0.0)
+        for name, value in zip(self.modes, p, strict=True):
+            posterior[label_of(name)] += float(value)
+        fault = label_of(mode) != NOMINAL
+        return Event(
+            label_of(mode), channel_of(mode), posterior[label_of(mode)], None, (None, None),
+            run.detected if fault and run else None, run.since if run else None, self.start_s, self.end_s, posterior, reasons,
+        )  # fmt: skip
+
+
+def _rows(e: Estimate, rows: slice | Mask) -> Estimate:
+    return Estimate(
+        e.t[rows], e.modes, e.probability[rows], e.nis[rows], e.predicted[rows], e.normalised[rows], e.states[rows],
+        e.active[rows], e.density[rows] if e.density.size else e.density, e.strain[rows] if e.strain.size else e.strain,
+    )  # fmt: skip
+
+
+class Isolator:
+    """Cuts the stream of estimates into moves and keeps a verdict for each; O(1) in the length of a move.
+
+    consistent: whether `result` will be asked for the consistency, which costs a fifth of a live sample.
+    """
+
+    def __init__(self, modes: tuple[str, ...], settings: DecisionSettings, consistent: bool = True) -> None:
+        self.modes = modes
+        self.settings = settings
+        self.channels = Measured()
+        self.current: EventTracker | None = None
+        self.events: list[Event] = []
+        self.fit = Whiteness() if consistent else None
+        self.was_active = self.stopped = False
+        self.window = 0
+
+    def add(self, e: Estimate) -> Iterator[EventTracker]:
+        """Take the next samples; yields the tracker of the current move after each piece of a move."""
+        if not self.window and e.t.size > 1:
+            self.window = max(2, round(self.settings.window_s / usual_step(e.t)))
+        e = tested(e, self.settings)
+        if self.fit is not None:
+            self.fit.add(e)
+        starts = self._new_moves(e)
+        edges = [0, *starts, e.t.size]
+        for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            if k > 0:
+                self._finish()
+                self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels)
+            if self.current is not None and b > a:
+                self.current.add(_rows(e, slice(a, b)), self.window)
+                yield self.current
+
+    def _new_moves(self, e: Estimate) -> list[int]:
+        """Samples at which a move begins. A pause in the evidence that is no stop (a slower command) ends none."""
+        if not e.t.size:
+            return []
+        still = np.flatnonzero(e.states[:, 3] == 0.0)
+        begins: list[int] = []
+        last = 0
+        for k in np.flatnonzero(e.active & ~np.append(self.was_active, e.active[:-1])).tolist():
+            self.stopped |= bool(np.searchsorted(still, k) > np.searchsorted(still, last))
+            if self.stopped or (self.current is None and not begins):
+                begins.append(k)
+            self.stopped, last = False, k
+        self.stopped |= bool(still.size and still[-1] >= last)
+        self.was_active = bool(e.active[-1])
+        return begins
+
+    def _finish(self) -> None:
+        if self.current is not None:
+            self.events.append(self.current.verdict())
+
+    def result(self) -> Isolation:
+        """Verdicts on all moves so far. The log's verdict is its first fault, or its last move where there is none."""
+        events = [*self.events, *([self.current.verdict()] if self.current is not None else [])]
+        return Isolation(log_verdict(events), tuple(events), (self.fit or Whiteness()).result())
+
+
+def log_verdict(events: list[Event]) -> Event:
+    """One verdict for a log: the first move with a fault; else the least certain of the healthy ones."""
+    faults = [e for e in events if e.label != NOMINAL]
+    if faults:
+        return faults[0]
+    if events:
+        return min(events, key=lambda e: e.probability)
+    posterior = dict.fromkeys(LABELS, 0.0) | {NOMINAL: 1.0}
+    return Event(
+        NOMINAL, None, 1.0, None, (None, None), None, None, 0.0, 0.0, posterior, ("the log holds no move",)
+    )
+
+
+class Whiteness:
+    """Mean NIS of the winner while moving, and Ljung-Box whiteness of its innovations in steady motion, accumulated.
+
+    Transients are left out of the whiteness: there the filter widens its noise by what the timing of a sampled servo puts
+    in doubt, so innovations are smaller than their standard deviation and smooth, by design.
+    """
+
+    LAGS = 10
+    STEADY = 0.02  # speed within this share of the command
+
+    def __init__(self) -> None:
+        self.nis = self.expected = 0.0
+        self.samples = 0
+        self.products = np.zeros((self.LAGS + 1, len(CHANNELS)))
+        self.counts = np.zeros(len(CHANNELS))
+        self.last = np.empty((0, len(CHANNELS)))
+
+    def add(self, e: Estimate) -> None:
+        """Take the next samples."""
+        v = e.normalised[e.active]
+        if not v.size:
+            return
+        good = np.isfinite(v)
+        self.nis += float((np.where(good, v, 0.0) ** 2).sum())
+        self.expected += float(good.sum())
+        self.samples += int(good.any(axis=1).sum())
+        speed, command = e.states[e.active, 0], e.states[e.active, 3]
+        good &= (np.abs(speed - command) < self.STEADY * np.abs(command))[:, None]
+        u = np.clip(np.where(good, v, 0.0), -5.0, 5.0)
+        self.counts += good.sum(axis=0)
+        old, joined = self.last.shape[0], np.concatenate((self.last, u))
+        for lag in range(min(self.LAGS + 1, joined.shape[0])):
+            first = max(old, lag)
+            self.products[lag] += (joined[first:] * joined[first - lag : joined.shape[0] - lag]).sum(axis=0)
+        self.last = joined[-self.LAGS :]
+
+    def result(self) -> Consistency:
+        """Ljung-Box (1978) over 10 lags: the smallest of the channels' p-values times their number (Bonferroni)."""
+        from scipy.special import gammaincc  # the chi-square tail; scipy.stats would take 0.6 s to import
+
+        if not self.samples:
+            return Consistency(float("nan"), 3.0, float("nan"))
+        p = []
+        for c in np.flatnonzero(self.counts > 5 * self.LAGS):
+            n = self.counts[c]
+            rho = (
+                self.products[1:, c] / self.products[0, c]
+                if self.products[0, c] > 0.0
+                else np.zeros(self.LAGS)
+            )
+            q = n * (n + 2.0) * (rho**2 / (n - np.arange(1, self.LAGS + 1))).sum()
+            p.append(float(gammaincc(0.5 * self.LAGS, 0.5 * q)))
+        return Consistency(
+            self.nis / self.samples,
+            self.expected / self.samples,
+            min(1.0, min(p) * len(p)) if p else float("nan"),
+        )

@@ -1,0 +1,214 @@
+"""When a fault began: the nominal filter until tau, the fault's filter from tau on, over every tau of a window.
+
+Uses samples after tau (smoothing). With a flat prior over tau the likelihoods of all tau are the posterior of the onset;
+its median and its 95 % interval are what a report states.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import compiled_bank as kernels
+from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
+from observer_fi.bank.compiled_bank import Bank, Feed
+from observer_fi.bank.first_state import start
+from observer_fi.bank.hypotheses import Hypothesis, arrays
+from observer_fi.bank.packing import bank_rows, tuning
+from observer_fi.bank.work_arrays import scratch
+from observer_fi.numerics.rows import MOST
+from observer_fi.physics.rigs import Rig
+from observer_fi.records import Array
+from observer_fi.settings import BankSettings
+
+STRIDE = 4  # samples between the taus of the first pass
+
+
+class Onset(NamedTuple):
+    """Posterior median of the onset and its central 95 % interval [s]."""
+
+    median: float
+    low: float
+    high: float
+
+
+class _SideBySide:
+    """`count` filters of one hypothesis over windows of at most n samples: they give each other nothing."""
+
+    def __init__(self, hypothesis: Hypothesis, rig: Rig, settings: BankSettings, count: int, n: int) -> None:
+        hypotheses = (hypothesis,) * count
+        b = arrays(hypotheses, rig, settings)
+        self.rows, self.room = bank_rows(hypotheses, b), n
+        self.seats = seats(self.rows, 0)  # all have the same
+        self.state = remembered(self.rows, start(hypotheses, b, np.zeros(3), 0.0))
+        self.tuning, self.scratch = tuning(settings), scratch(self.rows)
+        self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
+        self.still, self.out = np.zeros(n, dtype=np.bool_), kernels.written(n, count)
+
+    def begin(self, memory: Memory) -> None:
+        """The filters with the first of them there; the others may hold anything until they are put in."""
+        self.state.z[:], self.state.t[:], self.state.stopped[:] = memory.z, memory.t, memory.stopped
+        self.put(0, memory)
+
+    def put(self, row: int, memory: Memory) -> None:
+        """One more filter."""
+        put(self.state, row, self.seats, memory)
+
+    def memory(self) -> Memory:
+        """What the first filter remembers."""
+        return memory_of(self.state, 0, self.seats)
+
+    def density(self, w: Feed, first: int, last: int) -> Array:
+        """Log-densities of samples first:last, (last - first, count), a step of all filters."""
+        out = self.out.cut(0, last - first)
+        feed = w.cut(first, last)._replace(active=self.still[: last - first])
+        kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
+        return out.density
+
+
+class Filters:
+    """The filters that searches for onsets share: making them costs as much as a search."""
+
+    def __init__(self, rig: Rig, settings: BankSettings) -> None:
+        self.rig, self.settings = rig, settings
+        self.made: dict[tuple[Hypothesis, int], _SideBySide] = {}
+
+    def of(self, hypothesis: Hypothesis, count: int, n: int) -> _SideBySide:
+        """`count` filters of a hypothesis for windows of n samples."""
+        found = self.made.get((hypothesis, count))
+        if found is None or found.room < n:
+            found = _SideBySide(hypothesis, self.rig, self.settings, count, n)
+            self.made[hypothesis, count] = found
+        return found
+
+
+class _Entry:
+    """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior."""
+
+    def __init__(
+        self, source: Hypothesis, target: Hypothesis, f: _SideBySide, settings: BankSettings
+    ) -> None:
+        n, (mean, var) = len(target.states), f.prior
+        self.x, self.P, self.bias = mean[:n].copy(), np.diag(var[:n]), np.zeros(2)
+        if target.failed >= 0:
+            self.bias[1] = settings.bias_entry**2 * f.noise[target.failed]
+        shared = [state for state in target.states if state in source.states]
+        self.to = np.array([target.states.index(state) for state in shared])
+        self.at = np.array([source.states.index(state) for state in shared])
+
+    def __call__(self, nominal: Memory) -> Memory:
+        """The target's memory from the source's."""
+        x, P = self.x.copy(), self.P.copy()
+        x[self.to] = nominal.x[self.at]
+        P[self.to[:, None], self.to] = nominal.P[self.at[:, None], self.at]
+        return nominal._replace(x=x, P=P, bias=self.bias)
+
+
+class _Scores:
+    """Log-likelihood of a window with an onset at a sample: nominal before it, the fault from it on."""
+
+    def __init__(
+        self, start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
+    ) -> None:
+        n = window.t.size
+        self.window, self.n = window, n
+        self.own, self.others = filters.of(nominal, 1, n), filters.of(fault, MOST, n)
+        self.entry = _Entry(nominal, fault, self.others, filters.settings)
+        self.memories, self.until = [start], [0.0]
+        self.own.begin(start)
+        for k in range(0, n, STRIDE):
+            self._advance(k, min(k + STRIDE, n))
+
+    def _advance(self, first: int, last: int) -> None:
+        gained = float(self.own.density(self.window, first, last).sum())
+        self.memories.append(self.own.memory())
+        self.until.append(self.until[-1] + gained)
+
+    def _before(self, k: int) -> tuple[Memory, float]:
+        """The nominal filter before sample k, and its log-likelihood until then."""
+        memory, past, extra = self.memories[k // STRIDE], self.until[k // STRIDE], k % STRIDE
+        if extra:
+            self.own.begin(memory)
+            past += float(self.own.density(self.window, k - extra, k).sum())
+            memory = self.own.memory()
+        return memory, past
+
+    def at(self, samples: list[int]) -> dict[int, float]:
+        """Of onsets at increasing samples: MOST filters side by side, which join one after the other."""
+        found: dict[int, float] = {}
+        for first in range(0, len(samples), MOST):
+            found |= self._together(samples[first : first + MOST])
+        return found
+
+    def _together(self, samples: list[int]) -> dict[int, float]:
+        before = [self._before(k) for k in samples]
+        entered = [self.entry(memory) for memory, _ in before]
+        self.others.begin(entered[0])
+        totals = np.array([past for _, past in before])
+        ends = [*samples[1:], self.n]
+        for row, (first, last) in enumerate(zip(samples, ends, strict=True)):
+            self.others.put(row, entered[row])
+            density = self.others.density(self.window, first, last)
+            totals[: row + 1] += density[:, : row + 1].sum(axis=0)
+        return dict(zip(samples, totals.tolist(), strict=True))
+
+
+def find_onset(
+    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
+) -> Onset:
+    """Onset of `fault` within `window`, from the nominal hypothesis' memory before its first sample.
+
+    Raises ValueError for a window of fewer than two samples.
+    """
+    n = window.t.size
+    if n < 2:
+        raise ValueError(f"an onset needs a window of at least 2 samples, got {n}")
+    scores = _Scores(start, nominal, fault, window, filters)
+    found = scores.at(list(range(0, n, STRIDE)))
+    best = max(found, key=lambda k: found[k])
+    near = [k for k in range(max(0, best - 2 * STRIDE), min(n, best + 2 * STRIDE + 1)) if k not in found]
+    found |= scores.at(near)
+    return _posterior(window.t, found, during=fault.failed < 0)
+
+
+def _posterior(t: Array, scores: dict[int, float], during: bool) -> Onset:
+    """Median and 95 % interval of the onset from the log-likelihoods at some samples, each standing for its cell.
+
+    during: a fault of the plant, which the score of a sample has at work since the sample before; a failed sensor spoils
+    the sample itself and began somewhere between the two.
+    """
+    k = np.array(sorted(scores))
+    before = t[np.maximum(k - 1, 0)]
+    middle = before if during else 0.5 * (before + t[k])
+    edges = np.concatenate(([middle[0]], 0.5 * (middle[1:] + middle[:-1]), [middle[-1]]))
+    width = np.maximum(np.diff(edges), 1e-12)
+    value = np.array([scores[i] for i in k])
+    mass = np.exp(value - value.max()) * width
+    cumulative = np.concatenate(([0.0], np.cumsum(mass) / mass.sum()))
+    low, median, high = np.interp([0.025, 0.5, 0.975], cumulative, edges)
+    return Onset(float(median), float(low), float(high))
+
+
+def onset_in(
+    bank: Bank, fault: Hypothesis, first_s: float, last_s: float, filters: Filters | None = None
+) -> Onset | None:
+    """Onset of `fault` between two times, from the samples and snapshots that a bank keeps; None where they are gone.
+
+    filters: those of earlier searches with the bank's rig and settings.
+    """
+    filters = filters or Filters(bank.rig, bank.settings)
+    recent = bank.recent
+    starts = [(t, state) for t, state in bank.snapshots if t <= first_s]
+    if recent is None or not bank.snapshots or first_s >= recent.t[-1]:
+        return None
+    since, state = starts[-1] if starts else bank.snapshots[0]
+    begin, end = (int(k) for k in np.searchsorted(recent.t, [since - 1e-9, last_s]))
+    if end - begin < 2:
+        return None
+    nominal = bank.hypotheses[0]
+    first = min(max(int(np.searchsorted(recent.t, first_s)), begin), end - 2)
+    if first > begin:
+        alone = filters.of(nominal, 1, first - begin)
+        alone.begin(state)
+        alone.density(recent, begin, first)
+        state = alone.memory()
+    return find_onset(state, nominal, fault, recent.cut(first, end), filters)

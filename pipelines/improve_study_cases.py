@@ -1,0 +1,278 @@
+"""Truth against `improve`: one row a case, and the table of `reports/improve.md`."""
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from observer_fi.improve.improvement import Improvement, improve
+from observer_fi.learn.gauss_newton import nll_per_sample
+from observer_fi.learn.move_data import prepare, whitened
+from observer_fi.physics.effects import CAUSES
+from observer_fi.physics.rigs import load_rig
+from observer_fi.records import Log
+
+PAIRS = (
+    ("viscous_friction", "backlash"),
+    ("screw_ripple", "load_dependent_friction"),
+    ("winding_heating", "position_lag"),
+    ("current_lag", "torque_offset"),
+    ("brush_drop", "stribeck_friction"),
+    ("supply_sag", "position_dependent_friction"),
+    ("shaft_ripple", "current_offset"),
+    ("input_delay", "voltage_offset"),
+)
+
+# truth's parameter -> (parameter of the model, model value from the truth's, phase and rig)
+_SIZES: dict[str, tuple[str, str]] = {
+    "viscous_friction": ("plus", "viscous_positive"),
+    "stribeck_friction": ("rise", "stribeck_torque"),
+    "load_dependent_friction": ("ratio", "load_friction"),
+    "position_dependent_friction": ("gradient", "friction_slope"),
+    "gravity_nonlinearity": ("cubic", "gravity_cubic"),
+    "torque_offset": ("offset", "torque_offset"),
+    "winding_heating": ("rise", "heating_gain"),
+    "brush_drop": ("drop", "brush_drop"),
+    "supply_sag": ("resistance", "sag_resistance"),
+    "current_lag": ("lag", "current_lag"),
+    "input_delay": ("delay", "input_delay"),
+    "integrator_clamp": ("limit", "integrator_limit"),
+    "acceleration_limit": ("limit", "accel_limit"),
+    "backlash": ("width", "backlash"),
+    "partial_slip": ("slip", "slip_per_torque"),
+    "contact_exponent": ("exponent", "contact_exponent"),
+    "position_lag": ("lag", "position_lag"),
+    "position_delay": ("delay", "position_delay"),
+    "current_offset": ("offset", "current_offset"),
+    "voltage_delay": ("delay", "voltage_delay"),
+    "voltage_offset": ("offset", "voltage_offset"),
+}
+_GAINS = {"position_gain": "position_gain", "current_gain": "current_gain"}
+_RIPPLES = {
+    "shaft_ripple": "shaft_ripple",
+    "screw_ripple": "screw_ripple",
+    "position_periodic_error": "position",
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is hidden: causes, size in units of the detectable one, seed, and whether the vocabulary has them."""
+
+    causes: tuple[str, ...]
+    size: float
+    seed: int
+    inside: bool
+
+
+def case_of(row: dict[str, Any]) -> Case:
+    """The case that a row is about."""
+    return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"])
+
+
+def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[str, Any]:
+    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors.
+
+    frame, clean: the log with and without its noise.
+    """
+    log = _log(case, frame)
+    began = time.perf_counter()
+    record = improve([log], load_rig())
+    sets = [[f.cause, *f.indistinguishable_from] for f in record.findings]
+    smooth = [[u.equation, u.regressor] for u in record.unexplained]
+    row: dict[str, Any] = {
+        "causes": list(case.causes),
+        "size": case.size,
+        "seed": case.seed,
+        "inside": case.inside,
+        "found": sets,
+        "unexplained": smooth,
+        "seconds": time.perf_counter() - began,
+        "errors": _errors(record, truth),
+        "gain_share": _gain_share(record, _log(case, clean)),
+    }
+    if not case.inside:
+        effect = truth["effects"][0]
+        row["right"] = not sets and any(
+            e in effect["equations"] and r in effect["regressors"] for e, r in smooth[:1]
+        )
+    return row
+
+
+def _log(case: Case, frame: Any) -> Log:
+    return Log(
+        f"case-{case.seed}",
+        frame["time_s"].to_numpy(),
+        frame[["voltage_v", "current_a", "position_m"]].to_numpy(),
+        frame["speed_cmd_rad_s"].to_numpy(),
+        frame["pitch_deg"].to_numpy(),
+    )
+
+
+def _gain_share(record: Improvement, clean: Log) -> float | None:
+    """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
+    if not record.findings:
+        return None
+    experiment = record.experiment
+    noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
+    possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
+    won = record.baseline.nll_per_sample - record.extended.nll_per_sample
+    return won / possible if possible > 0.0 else None
+
+
+def _errors(record: Improvement, truth: dict[str, Any]) -> dict[str, float]:
+    """(estimate - truth) in standard errors, for every found cause with a size to compare."""
+    found = {f.cause: {n: (v.value, v.std) for n, v in f.parameters.items()} for f in record.findings}
+    errors = {}
+    for effect in truth["effects"]:
+        name = effect["cause"]
+        values = {n: p["value"] for n, p in effect["parameters"].items()}
+        if name not in found:
+            continue
+        if name in _SIZES:
+            there, here = _SIZES[name]
+            value, std = found[name].get(here, (math.nan, math.nan))
+            error = value - values[there]
+        elif name in _GAINS:
+            value, std = found[name][_GAINS[name]]
+            error = value - 1.0 - values["gain"]
+        elif name in _RIPPLES:
+            stem = _RIPPLES[name]
+            sin, cos = found[name][f"{stem}_sin"], found[name][f"{stem}_cos"]
+            error = math.hypot(sin[0], cos[0]) - values["amplitude"]
+            std = max(sin[1], cos[1])
+        else:
+            continue
+        if std > 0.0 and math.isfinite(error):
+            errors[name] = error / std
+    return errors
+
+
+def _first(row: dict[str, Any]) -> bool:
+    """The hidden cause is the first finding, or in its declared set."""
+    return bool(row["found"]) and row["causes"][0] in row["found"][0]
+
+
+def _named_first(row: dict[str, Any]) -> bool:
+    return bool(row["found"]) and row["causes"][0] == row["found"][0][0]
+
+
+def _all_found(row: dict[str, Any]) -> bool:
+    return all(any(cause in names for names in row["found"]) for cause in row["causes"])
+
+
+def _extra(row: dict[str, Any]) -> bool:
+    return any(not set(names) & set(row["causes"]) for names in row["found"]) or bool(row["unexplained"])
+
+
+def _silent(row: dict[str, Any]) -> bool:
+    return not row["found"] and not row["unexplained"]
+
+
+def _right(row: dict[str, Any]) -> bool:
+    return bool(row["right"])
+
+
+def summary(rows: list[dict[str, Any]]) -> str:
+    """The text of `reports/improve.md`."""
+    seeds = sorted({r["seed"] for r in rows}) or [0]
+    lines = [
+        "# What `improve` finds",
+        "",
+        f"Made by `pipelines/improve_study.py` from an independent truth, seeds {seeds[0]} to {seeds[-1]}, none seen before.",
+        "Sizes are in units of the detectable one (50 standard deviations of the noise over a whole log).",
+        "",
+        *_by_size(rows),
+        "",
+        *_figures(rows),
+        "",
+        "## By cause",
+        "",
+        *_by_cause(rows),
+        "",
+        "## Misses",
+        "",
+        *_misses(rows),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _single(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [r for r in rows if r["inside"] and len(r["causes"]) == 1]
+
+
+def _by_size(rows: list[dict[str, Any]]) -> list[str]:
+    lines = ["| hidden | cases | first, or in the first's declared set | first by name | found at all | set size |"
+             " with another finding, or anything unexplained |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for size in sorted({r["size"] for r in _single(rows)}):
+        these = [r for r in _single(rows) if r["size"] == size]
+        sets = [len(r["found"][0]) for r in these if _first(r)]
+        lines.append(
+            f"| {size:g} x detectable | {len(these)} | {_share(these, _first)} | {_share(these, _named_first)} |"
+            f" {_share(these, _all_found)} | {np.mean(sets) if sets else 0:.2f} | {_share(these, _extra)} |"
+        )
+    return lines
+
+
+def _figures(rows: list[dict[str, Any]]) -> list[str]:
+    controls = [r for r in rows if not r["causes"]]
+    pairs = [r for r in rows if len(r["causes"]) == 2]
+    errors = [{"error": abs(e)} for r in rows for e in r["errors"].values()]
+    gains = [r for r in rows if r["gain_share"] is not None]
+    seconds = _median([r["seconds"] for r in rows])
+    entries = [
+        ("controls without any finding, and nothing unexplained", controls, _silent),
+        ("pairs at 3 x, both found", pairs, _all_found),
+        *(
+            (f"outside the vocabulary at {size:g} x: right equation and regressor, no name", these, _right)
+            for size in sorted({r["size"] for r in rows if not r["inside"]})
+            if (these := [r for r in rows if not r["inside"] and r["size"] == size])
+        ),
+        ("sizes within three standard errors", errors, lambda e: e["error"] < 3.0),
+        ("held-out gain at least 95 % of the true model's", gains, lambda r: r["gain_share"] >= 0.95),
+    ]
+    lines = ["| | cases | share |", "|---|---|---|"]
+    lines += [f"| {text} | {len(these)} | {_share(these, good)} |" for text, these, good in entries]
+    lines.append(f"| seconds per log, median, two at a time on a busy machine | {len(rows)} | {seconds} |")
+    return lines
+
+
+def _by_cause(rows: list[dict[str, Any]]) -> list[str]:
+    single = _single(rows)
+    sizes = sorted({r["size"] for r in single})
+    lines = ["| cause | " + " | ".join(f"{s:g} x" for s in sizes) + " |", "|---|" + "---|" * len(sizes)]
+    for cause in CAUSES:
+        cells = [
+            _share([r for r in single if r["causes"] == [cause] and r["size"] == s], _first) for s in sizes
+        ]
+        lines.append(f"| {cause} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _misses(rows: list[dict[str, Any]]) -> list[str]:
+    """One line for every case that is not right in full."""
+    lines = []
+    for r in rows:
+        good = (
+            _right(r) if not r["inside"] else _all_found(r) and not _extra(r) if r["causes"] else _silent(r)
+        )
+        if not good:
+            hidden = ", ".join(r["causes"]) or "nothing"
+            found = "; ".join("/".join(names) for names in r["found"]) or "nothing"
+            left = "; ".join(" by ".join(pair) for pair in r["unexplained"]) or "nothing"
+            lines.append(
+                f"- {hidden} at {r['size']:g} x, seed {r['seed']}: found {found}, unexplained {left}"
+            )
+    return lines or ["None."]
+
+
+def _share(rows: list[dict[str, Any]], good: Callable[[dict[str, Any]], bool]) -> str:
+    return f"{sum(good(r) for r in rows) / len(rows):.0%}" if rows else "-"
+
+
+def _median(values: Iterable[float]) -> str:
+    numbers = list(values)
+    return f"{np.median(numbers):.3g}" if numbers else "-"

@@ -1,0 +1,112 @@
+"""`improve` on logs whose plant is the package's own: findings, none where there is none, and the contract's keys."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import campaign
+
+from observer_fi.errors import UsageError
+from observer_fi.improve.diagnosis_gain import Worth
+from observer_fi.improve.improvement import Improvement, improve, to_json
+from observer_fi.learn.gauss_newton import whiteness
+from observer_fi.logs.moves import Excitation
+from observer_fi.physics.rigs import load_rig, with_values
+from observer_fi.report.learning import improve_files, likeness, wish
+
+RIG = load_rig()
+
+
+@pytest.fixture(scope="module")
+def control() -> Improvement:
+    return improve([campaign(with_values(RIG, {"A": 4.2e-4, "J": 4.9e-7}), seed=3)], RIG)
+
+
+@pytest.fixture(scope="module")
+def sticky() -> Improvement:
+    """A plant with viscous friction that the rig file lacks."""
+    plant = with_values(RIG, {"viscous_positive": 1e-7, "viscous_negative": 1e-7})
+    return improve([campaign(plant, seed=4)], RIG)
+
+
+def test_a_parameter_that_only_moved_is_no_finding(control):
+    assert control.findings == ()
+    assert control.unexplained == ()
+    assert control.refit["A"].value == pytest.approx(4.2e-4, rel=0.01)
+    assert control.refit["A"].prior == RIG.model["A"]
+
+
+def test_the_hidden_friction_is_named_with_its_size(sticky):
+    assert [f.cause for f in sticky.findings] == ["viscous_friction"]
+    for value in sticky.findings[0].parameters.values():
+        assert abs(value.value - 1e-7) < 5.0 * value.std
+    assert sticky.findings[0].heldout_nll_drop_per_sample > 0.0
+    assert sticky.extended.nll_per_sample < sticky.baseline.nll_per_sample
+
+
+def test_the_extended_rig_carries_what_was_found(sticky):
+    model = sticky.extended_rig.model
+    assert model["viscous_positive"] == pytest.approx(1e-7, rel=0.1)
+    assert "viscous_positive" in model.effects
+
+
+def test_json_has_the_keys_of_the_contract(sticky):
+    table = json.loads(json.dumps(to_json(sticky)))
+    assert list(table) == ["schema", "baseline", "refit", "findings", "unexplained", "extended", "freed"]
+    assert table["schema"] == "observer-fi/improve/1"
+    assert set(table["baseline"]["rmse"]) == {"current_a", "position_m", "speed_rad_s"}
+    finding = table["findings"][0]
+    assert set(finding) == {
+        "cause", "equation", "parameters", "evidence", "gain", "indistinguishable_from", "separate_by",
+    }  # fmt: skip
+    assert set(finding["gain"]) == {"heldout_nll_drop_per_sample", "heldout_rmse_ratio"}
+
+
+def test_json_tells_which_equation_the_data_want_to_free(sticky, control):
+    rows = to_json(sticky)["freed"]
+    assert rows[0]["verdict"] == "first" and rows[0]["gain"] > rows[-1]["gain"] >= 0.0
+    assert {"equation", "disturbance", "unit", "intensity", "memory", "rms", "gain_per_sample"} < set(rows[0])
+    assert {row["verdict"] for row in to_json(control)["freed"]} == {"no"}
+
+
+def test_every_cause_says_what_could_have_been_seen(control):
+    assert control.detectable["contact_exponent"] is None
+    assert 0.0 < control.detectable["viscous_friction"]["viscous_positive"] < 1e-7
+
+
+def test_whiteness_tells_white_from_coloured():
+    noise = np.random.default_rng(5).normal(size=5000)
+    assert whiteness(noise) > 1e-3
+    assert whiteness(np.convolve(noise, np.ones(5))) < 1e-6
+
+
+def test_other_drives_are_refused():
+    with pytest.raises(UsageError, match="pi_servo"):
+        improve([campaign()], replace(RIG, drive="force"))
+
+
+def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
+    assert wish(control).startswith("None")
+    first = replace(sticky.freed[0], equation="servo", verdict="first", alike="")
+    lone = replace(sticky, freed=(first, replace(first, equation="torque", verdict="wanted")))
+    assert wish(lone).startswith("The servo (") and likeness(lone) == ""
+    close = replace(first, equation="sensor:current", verdict="close")
+    assert "cannot tell it from the current sensor" in likeness(replace(sticky, freed=(first, close)))
+
+
+def test_the_report_tells_the_gain_of_diagnosis(sticky):
+    nothing = Worth(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
+    better = Worth(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
+    shown = Excitation(
+        8, (200.0, 410.0), (-1, 1), (-5.0, 0.0), 2, {"steady": 8.0, "saturation": 0.3, "rest": 0.0}
+    )
+    files = improve_files(sticky, (nothing, better), [shown], "sticky", ["sticky.csv"])
+    found = json.loads(files["improve.json"])["diagnosis"]
+    assert found["baseline"]["alarms"] == 8 and found["baseline"]["delay_s"]["overload"] is None
+    assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
+    held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
+    assert held in files["report.html"]
+    assert "<h2>Which equation the data want to free</h2>" in files["report.html"]
+    assert sticky.latents and files["latent_1.svg"] in files["report.html"]
+    assert "8 of 8" in files["report.html"] and "40.0 ms" in files["report.html"]

@@ -1,0 +1,42 @@
+"""What stays without a name: a sensor that drifts or tilts between the moves, and nothing where nothing is left."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import RIG, campaign
+
+from observer_fi.improve.ladder import base_parameters
+from observer_fi.improve.unexplained import rest_steps, slow_excess
+from observer_fi.learn.gauss_newton import fit
+from observer_fi.learn.move_data import prepare
+
+LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
+
+
+def steps_of(error: np.ndarray) -> list:
+    experiment = prepare([replace(LOG, z=LOG.z + error[:, None] * np.array([0.0, 0.0, 1.0]))], RIG)
+    return rest_steps(experiment, fit(experiment, RIG.model, base_parameters(RIG, RIG.model)))
+
+
+@pytest.mark.parametrize(
+    "regressor, error",
+    [("pitch", 1e-6 * LOG.pitch), ("time", 4e-5 * (1.0 - np.exp(-LOG.t / 5.0)))],
+)
+def test_drift_and_tilt_show_in_the_steps_between_moves(regressor, error):
+    best = max(steps_of(error), key=lambda term: term.held_out)
+    assert best.regressor == regressor
+    assert best.held_out > 20.0
+    assert best.share > 0.5
+
+
+def test_steps_of_a_good_sensor_say_nothing():
+    assert all(term.held_out < 5.0 for term in steps_of(np.zeros(LOG.t.size)))
+
+
+def test_slow_excess_sees_slow_misfit_only():
+    experiment = prepare([LOG], RIG)
+    white = np.random.default_rng(2).normal(size=(experiment.t.size, 3))
+    blocks = experiment.t.size * 3 / 8
+    assert abs(slow_excess(experiment, white)) < 4.0 * np.sqrt(blocks / 2.0)
+    assert slow_excess(experiment, white + 0.2) > 0.5 * 0.04 * 3 * experiment.t.size * 0.9

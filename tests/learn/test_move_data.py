@@ -1,0 +1,63 @@
+"""Simulations side by side against one after another."""
+
+import numpy as np
+import pytest
+
+from observer_fi.learn import move_data as ex
+from observer_fi.physics import simulation as sim
+from observer_fi.physics.rigs import Model, load_rig, override
+from observer_fi.physics.scenario import Move, Scenario, synthesise
+from observer_fi.records import Log
+
+RIG = load_rig()
+PLANTS = {
+    "plain": {},
+    "a term of every kind": {
+        "viscous_positive": 1e-7, "stribeck_torque": 1e-4, "friction_slope": 1e-2, "screw_ripple_sin": 1e-5, "brush_drop": 0.1,
+        "heating_gain": 0.1, "sag_resistance": 2.0, "integrator_limit": 1.0, "position_lag": 2e-3, "position_sin": 1e-5,
+        "current_offset": 1e-3, "supply_drift": -0.1, "x_stop_high": 3e-4,
+    },
+    "play": {"backlash": 5e-5},
+    "inner loop": {"current_lag": 5e-4, "servo_delay": 1e-4},
+    "current behind the limit": {"current_lag": 5e-4, "lag_behind_limit": 1.0},
+    "delays": {"servo_delay": 2e-4, "voltage_delay": 5e-4, "input_delay": 3e-4},
+}  # fmt: skip
+
+
+def moves() -> Log:
+    """Forth, back and slowly forth, with rests."""
+    way = (Move(0.3, 410.0, 0.4), Move(1.0, -410.0, 0.4), Move(1.7, 90.0, 0.3))
+    return synthesise(Scenario(way, 2.4, pitch_deg=4.0, seed=3), RIG)[0]
+
+
+def drawn(plant: dict[str, float], count: int) -> list[Model]:
+    """Models around a plant: masses and frictions differ, and so stick and slip and saturation."""
+    rng = np.random.default_rng(5)
+    return [
+        override(RIG.model, "drawn", **plant, **{n: RIG.model[n] * rng.uniform(0.8, 1.2) for n in ("A", "J", "Ki", "Vmax")})
+        for _ in range(count)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_side_by_side_is_as_one_after_another(plant: str) -> None:
+    """Ten sets: a full register and a part of one. To rounding, which a slip at the edge of friction carries on."""
+    experiment, models = ex.prepare([moves()], RIG), drawn(PLANTS[plant], 10 + ex._WORTH_LANES - 2)
+    rng = np.random.default_rng(6)
+    nuisances = [rng.normal(size=(experiment.moves, 2)) * (1e-4, 1e-6) for _ in models]
+    together = ex.simulate_each(experiment, models, nuisances)
+    assert np.ptp(together, axis=0).max() > 0.1
+    for got, model, nuisance in zip(together, models, nuisances, strict=True):
+        alone = ex.simulate(experiment, model, nuisance)
+        np.testing.assert_allclose(got, alone, rtol=0.0, atol=1e-9)
+
+
+def test_sets_with_other_steps_and_delays_are_kept_apart() -> None:
+    experiment, models = ex.prepare([moves()], RIG), []
+    for plant in PLANTS.values():
+        models += drawn(plant, 3)
+    still = np.zeros((experiment.moves, 2))
+    together = ex.simulate_each(experiment, models, [still] * len(models))
+    for got, model in zip(together, models, strict=True):
+        np.testing.assert_allclose(got, ex.simulate(experiment, model, still), rtol=0.0, atol=1e-9)
+    assert len({(ex._delays(m.vector), sim.paced(m.vector)) for m in models}) == 4

@@ -1,0 +1,179 @@
+"""Models and rigs: faults as overrides, rig files there and back, and errors that list the right names."""
+
+import pickle
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer_fi.errors import UsageError
+from observer_fi.physics import equations as a
+from observer_fi.physics.rigs import (
+    DRIVES,
+    Quantity,
+    Rig,
+    coupling_loss,
+    load_rig,
+    overload,
+    override,
+    packaged_rigs,
+    required_parameters,
+    rig_toml,
+    with_values,
+)
+
+RIG = load_rig()
+PLANT = RIG.model
+
+
+def test_the_default_rig_is_table_1() -> None:
+    assert (RIG.name, RIG.drive, PLANT.name) == ("mass_shifter", "pi_servo", "nominal")
+    table_1 = {
+        "Rm": 20.2, "Km": 21.2e-3, "D": 1.9e-6, "Vmax": 15.1, "accel_cmd": 6e4, "Kp": 1.1e-3, "Ki": 0.45, "J": 4.7e-7,
+        "A": 4.6e-4, "B": 2.3e-5, "Rs": 0.8, "C": 85.0, "E": 0.52, "A_decoupled": 3.4e-4, "J_decoupled": 4.6e-7,
+    }  # fmt: skip
+    assert {name: q.value for name, q in RIG.quantities.items()} == table_1
+    assert all(q.unit == a.PARAMETERS[name][0] and q.method for name, q in RIG.quantities.items())
+    assert {name: RIG.spread(name) for name in table_1 if RIG.spread(name)} == {
+        "A": 0.1, "B": 0.1, "A_decoupled": 0.1, "C": 0.15, "E": 0.05,
+    }  # fmt: skip
+    np.testing.assert_array_equal(RIG.noise_std, [0.01, 3e-4, 1e-5])
+
+
+def test_faults_are_one_override() -> None:
+    differences = {
+        model.name: {n: model[n] for n in a.NAMES if model[n] != PLANT[n]}
+        for model in (overload(PLANT), coupling_loss(PLANT))
+    }
+    assert differences == {"overload": {"contact": 1.0}, "coupling_loss": {"coupling": 0.0}}
+
+
+def test_override_leaves_the_original_and_refuses_what_does_not_exist() -> None:
+    heavy = override(PLANT, "heavy", J=1.0)
+    assert (heavy["J"], PLANT["J"], heavy.name) == (1.0, 4.7e-7, "heavy")
+    with pytest.raises(
+        UsageError, match="no parameter 'J_decopled', did you mean 'J_decoupled'.*known: Rm, Km, D"
+    ):
+        override(PLANT, "x", J_decopled=1.0)
+    with pytest.raises(UsageError, match="no parameter 'viscous'"):
+        PLANT["viscous"]
+
+
+def test_models_compare_and_pickle() -> None:
+    assert override(PLANT, "nominal") == PLANT != overload(PLANT)
+    assert pickle.loads(pickle.dumps(PLANT)) == PLANT
+    assert hash(override(PLANT, "nominal")) == hash(PLANT)
+
+
+@pytest.mark.parametrize(("changes", "effects"), [
+    ({}, ()),
+    ({"contact": 1.0, "coupling": 0.0, "x_stop_high": 0.01}, ()),
+    ({"screw_lead": 2e-3, "stribeck_speed": 10.0}, ()),
+    ({"torque_offset": 1e-5, "slip": 0.01}, ("torque_offset", "slip")),
+    ({"J": 1e-6, "A": 1e-3}, ()),
+])  # fmt: skip
+def test_a_plain_plant_pays_for_no_effect(changes: dict[str, float], effects: tuple[str, ...]) -> None:
+    model = override(PLANT, "changed", **changes)
+    assert model.effects == effects
+    vector = model.vector
+    assert (vector.shape, vector[a.EXTENDED]) == ((a.VECTOR_SIZE,), float(bool(effects)))
+    assert vector[: a.EXTENDED].tolist() == list(model.values)
+
+
+# --- rig files -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", sorted(packaged_rigs().glob("*.toml")), ids=lambda p: p.stem)
+def test_packaged_rigs_load_by_name_and_survive_saving(path: Path, tmp_path: Path) -> None:
+    rig = load_rig(path.stem)
+    assert rig == load_rig(path)
+    copy = tmp_path / path.name
+    copy.write_text(rig_toml(rig), encoding="utf-8")
+    assert load_rig(copy) == rig
+    assert set(required_parameters(rig.drive)) <= set(rig.quantities)
+
+
+@given(
+    values=st.dictionaries(
+        st.sampled_from(("J", "A", "viscous_positive", "torque_offset", "x_stop_high")),
+        st.floats(-1e6, 1e6, allow_nan=False).filter(lambda v: v != 0.0), min_size=1,
+    ),
+    std=st.floats(1e-12, 1.0),
+)  # fmt: skip
+def test_fitted_values_survive_saving_to_the_last_bit(
+    values: dict[str, float], std: float, tmp_path_factory
+) -> None:
+    rig = with_values(RIG, values, dict.fromkeys(values, std))
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    path.write_text(rig_toml(rig), encoding="utf-8")
+    read = load_rig(path)
+    assert read == rig
+    for name, value in values.items():
+        assert (read.model[name], read.quantities[name].std, read.quantities[name].method) == (
+            value,
+            std,
+            "fit",
+        )
+    assert read.spread("A") == RIG.spread("A")
+    assert with_values(RIG, {}) == RIG
+
+
+def test_a_new_value_gets_its_unit() -> None:
+    rig = with_values(RIG, {"input_delay": 1e-3})
+    assert rig.quantities["input_delay"] == Quantity(1e-3, "s", "fit")
+    with pytest.raises(UsageError, match="no parameter 'delay'"):
+        with_values(RIG, {"delay": 1.0})
+
+
+TABLE = tomllib.loads(rig_toml(RIG))
+SERVO = "\n".join(
+    f"{name} = {TABLE['parameters'][name]['value']}" for name in required_parameters("pi_servo")
+)
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("drvie = 'pi_servo'", "no key 'drvie', did you mean 'drive'.*known: name, description, drive"),
+    ("drive = 'piservo'", "no drive 'piservo', did you mean 'pi_servo'.*known: pi_servo, voltage, current, force"),
+    ("[noise]\nvolts = 1", "no noise channel 'volts'.*known: voltage, current, position"),
+    (f"[parameters]\n{SERVO}\nVmaxx = 1.0", "no parameter 'Vmaxx', did you mean 'Vmax'"),
+    ("[parameters]\nA = 1\nJ = 1", "parameters missing for drive 'pi_servo': D, Rm, Km, Vmax, Kp, Ki, Rs, accel_cmd"),
+    ("drive = 'force'\n[parameters]\nJ = 1\nA = 1", "parameters missing for drive 'force': D$"),
+    ("[parameters]\nA = { value = 1, unti = 'N m' }", "no key of A 'unti', did you mean 'unit'.*known: value, unit"),
+    ("[parameters]\nA = { value = 1, unit = 'mN m' }", "A: unit must be 'N m', got 'mN m'"),
+    ("[parameters]\nA = { unit = 'N m' }", "A: value must be a number, got None"),
+    ("[parameters]\nA = 'large'", "A: value must be a number, got 'large'"),
+    ("[parameters]\nA = true", "A: value must be a number, got True"),
+    ("[parameters]\nA = nan", "A: value must be a number, got nan"),
+    ("A ==", "not a TOML file"),
+])  # fmt: skip
+def test_a_wrong_rig_file_is_one_line_that_says_what_to_write(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match=message) as error:
+        load_rig(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_missing_rig_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="nowhere.toml: cannot read the rig file"):
+        load_rig(tmp_path / "nowhere.toml")
+    with pytest.raises(UsageError, match="emsp"):
+        load_rig("emsp")
+    binary = tmp_path / "rig.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UsageError, match="not a TOML file"):
+        load_rig(binary)
+
+
+def test_plain_numbers_and_defaults_are_enough(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"[parameters]\n{SERVO}", encoding="utf-8")
+    rig = load_rig(path)
+    assert (rig.name, rig.drive, rig.noise) == ("mine", "pi_servo", Rig("", "", "", {}).noise)
+    assert rig.model["J"] == 4.7e-7 and rig.model["E"] == 0.0
+    assert all(set(required_parameters(drive)) <= set(a.NAMES) for drive in DRIVES)

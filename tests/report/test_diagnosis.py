@@ -1,0 +1,246 @@
+"""Reports say what the records say, in the contract's words, with the same bytes each time."""
+
+import json
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from observer_fi.errors import UsageError
+from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
+from observer_fi.records import Consistency, Outcome
+from observer_fi.report import chart
+from observer_fi.report import diagnosis as report
+from observer_fi.report import diagnosis_figures as figures
+from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
+from observer_fi.settings import Settings
+from observer_fi.verdict.diagnosis import diagnose_log
+
+RIG = load_rig()
+CONTRACT = {
+    "log": ["path", "sha256", "samples", "rate_hz", "gaps", "notes"],
+    "verdict": [
+        "label",
+        "channel",
+        "probability",
+        "onset_s",
+        "onset_interval_s",
+        "detected_s",
+        "isolated_s",
+    ],
+    "posterior": ["nominal", "overload", "coupling_loss", "unknown"],
+    "open_loop": ["label", "isolated_s"],
+    "consistency": ["nis_mean", "nis_expected", "whiteness_p"],
+}
+
+
+def diagnosed(kind: str, channel: str | None = None) -> Outcome:
+    move = (Move(0.2, 410.0, 1.4),)
+    log, _ = synthesise(Scenario(move, 1.9, fault=Fault(kind, 0.9, channel), seed=8), RIG, f"{kind}.csv")
+    return diagnose_log(log, RIG, Settings())
+
+
+@pytest.fixture(scope="module", params=["none", "overload", "coupling_loss", "sensor_frozen", "slip"])
+def outcome(request: pytest.FixtureRequest) -> Outcome:
+    return diagnosed(request.param, "position" if request.param == "sensor_frozen" else None)
+
+
+@pytest.fixture(scope="module")
+def overload() -> Outcome:
+    return diagnosed("overload")
+
+
+def test_report_json_has_the_keys_of_the_contract_in_its_order(outcome: Outcome) -> None:
+    result = json.loads(report.json_text(report.report_dict(outcome)))
+    top = ["schema", "log", "verdict", "posterior", "open_loop", "consistency", "explanation"]
+    assert [key for key in result if key in top] == top
+    assert result["schema"] == "observer-fi/report/1"
+    for key, names in CONTRACT.items():
+        assert list(result[key])[: len(names)] == names
+    assert sum(result["posterior"].values()) == pytest.approx(1.0, abs=1e-6)
+    assert result["verdict"]["label"] == outcome.isolation.verdict.label
+    assert len(result["verdict"]["onset_interval_s"]) == 2
+    assert len(result["explanation"]) > 20
+
+
+def test_nan_and_infinity_become_null() -> None:
+    text = report.json_text(
+        {"a": math.nan, "b": [math.inf, np.float64(1.5)], "c": np.arange(2), "d": (None, True)}
+    )
+    assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": [0, 1], "d": [None, True]}
+
+
+def test_an_unknown_consistency_is_null_and_still_makes_a_page(overload: Outcome) -> None:
+    nothing = Consistency(math.nan, 3.0, math.nan)
+    outcome = replace(overload, isolation=replace(overload.isolation, consistency=nothing))
+    assert report.report_dict(outcome)["consistency"]["nis_mean"] is None
+    assert "nan" not in visible_text(report.files(outcome, RIG)["report.html"])
+
+
+class _Text(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.hidden = 0
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.hidden += tag in ("style", "script")
+        self.links += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        self.hidden -= tag in ("style", "script")
+
+    def handle_data(self, data: str) -> None:
+        if not self.hidden:
+            self.words.append(data)
+
+
+def visible_text(html: str) -> str:
+    parser = _Text()
+    parser.feed(html)
+    return " ".join(" ".join(parser.words).split())
+
+
+def test_the_page_opens_with_the_verdict_and_needs_no_network(outcome: Outcome) -> None:
+    html = report.files(outcome, RIG)["report.html"]
+    text = visible_text(html)
+    verdict = report.NAMES[outcome.isolation.verdict.label]
+    assert text.index(verdict) < text.index(outcome.explanation) < text.index("The evidence")
+    parser = _Text()
+    parser.feed(html)
+    assert parser.links == []
+    assert "url(http" not in html
+    assert "<script" not in html
+    for words in ("How sure", "Does the model fit?", "Settings", "SHA-256", "observer-fi"):
+        assert words in text
+
+
+def test_the_same_inputs_give_the_same_bytes() -> None:
+    assert report.files(diagnosed("overload"), RIG) == report.files(diagnosed("overload"), RIG)
+
+
+def test_what_the_log_says_cannot_break_the_page(overload: Outcome) -> None:
+    evil = "<script>alert('1')</script> & "
+    log = replace(overload.log, path=evil, metadata=(evil,), notes=(evil,))
+    html = report.files(replace(overload, log=log, name=evil), RIG)["report.html"]
+    assert "<script" not in html
+
+
+def test_every_figure_is_valid_xml_without_nan(outcome: Outcome) -> None:
+    from xml.etree import ElementTree
+
+    drawn = figures.draw(outcome, RIG)
+    assert (
+        set(drawn)
+        == {"signals", "residuals", "posterior", "overview", "consistency"}
+        == set(figures.captions(outcome))
+    )
+    for svg in drawn.values():
+        ElementTree.fromstring(svg)
+        assert "nan" not in svg
+    ids = re.findall(r'id="([^"]+)"', "".join(drawn.values()))
+    assert len(ids) == len(set(ids))
+
+
+def test_a_log_with_missing_samples_is_drawn(overload: Outcome) -> None:
+    zoom = overload.zoom
+    z, norm = zoom.z.copy(), zoom.norm.copy()
+    z[10:60], norm[10:60] = np.nan, np.nan
+    z[:, 0] = np.nan
+    holes = replace(zoom, z=z, norm=norm, w=np.full(zoom.w.size, np.nan))
+    drawn = figures.draw(replace(overload, zoom=holes), RIG)
+    assert "nan" not in drawn["signals"] + drawn["residuals"]
+
+
+def test_an_outcome_without_a_verdict_is_refused() -> None:
+    with pytest.raises(ValueError, match="no verdict"):
+        report.report_dict(Outcome("x", None, error="empty"))
+
+
+def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) -> None:
+    text = " ".join(report.doubts(overload))
+    assert "hypothesis" in text or "explanation" in text
+    other = overload.open_loop.verdict._replace(label="nominal")
+    disagreeing = replace(overload, open_loop=replace(overload.open_loop, verdict=other))
+    assert "mixture says no fault" in " ".join(report.doubts(disagreeing))
+
+
+@pytest.mark.parametrize(
+    ("p", "text"), [(1.0, "> 99.99 %"), (0.9995, "99.95 %"), (0.8, "80.0 %"), (1e-9, "< 0.01 %")]
+)
+def test_probabilities_never_round_to_certainty(p: float, text: str) -> None:
+    assert report.percent(p) == text
+
+
+# --- writing ---
+
+
+def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "move[1]"
+    write_folder(folder, {"a": "1"})
+    (tmp_path / ".move[1].x7").mkdir()
+    (tmp_path / ".move[1].x7" / "a").write_text("half")
+    (tmp_path / ".move1.x7").mkdir()
+    clear_leftovers(folder)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".move1.x7", "move[1]"]
+    assert (folder / "a").read_text() == "1"
+
+
+def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    write_folder(folder, {"old": "1", "kept": "1"})
+    write_folder(folder, {"kept": "2"})
+    assert {p.name: p.read_text() for p in folder.iterdir()} == {"kept": "2"}
+    assert [p.name for p in folder.parent.iterdir()] == ["b"]
+
+
+def test_a_failed_write_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    write_folder(folder, {"a": "1"})
+    with pytest.raises(TypeError):
+        write_folder(folder, {"b": "2", "c": 3})  # type: ignore[dict-item]
+    assert {p.name: p.read_text() for p in folder.iterdir()} == {"a": "1"}
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_place_that_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(UsageError, match="--out"):
+        write_folder(tmp_path / "file" / "out", {"a": "1"})
+    with pytest.raises(UsageError, match="--out"):
+        write_file(tmp_path / "file" / "a", "1")
+
+
+# --- charts ---
+
+
+def test_ticks_are_round_and_inside() -> None:
+    assert [text for _, text in chart.ticks(-0.1, 1.1, most=5)] == ["0.00", "0.25", "0.50", "0.75", "1.00"]
+    assert [text for _, text in chart.ticks(-6.0, 6.0, most=3)] == ["−5", "0", "5"]
+    assert [text for _, text in chart.ticks(0.5, 300.0, log=True)] == ["1", "10", "100"]
+    for low, high in ((0.0, 1e-9), (1e6, 1e6 + 1.0), (-3.0, 7.0)):
+        found = [value for value, _ in chart.ticks(low, high)]
+        assert 2 <= len(found) <= 7
+        assert all(low - 1e-9 <= value <= high + 1e-9 for value in found)
+
+
+def test_thinning_keeps_extremes_and_gaps() -> None:
+    x = np.linspace(0.0, 100.0, 100_000)
+    y = np.sin(x)
+    y[5_300], y[70_300] = 9.0, -9.0
+    path = chart.path_of(x, y, -100.0, 100.0)
+    assert "9.0" in path and "-9.0" in path and path.count("L") < 500
+    y[30_000:40_000] = np.nan
+    assert chart.path_of(x, y, -100.0, 100.0).count("M") == 2
+
+
+def test_labels_do_not_overlap() -> None:
+    placed = chart.spread([10.0, 11.0, 12.0, 95.0], 0.0, 100.0, gap=14.0)
+    assert np.diff(placed).min() >= 14.0 - 1e-9
+    assert placed[-1] <= 100.0
