@@ -9,18 +9,15 @@ import peers
 from results import micro, record, timed_against
 from sample_logs import moves_log
 
+from observer_fi.bank import FilterpyBank, Hypothesis, bank, lanes
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.bank import lanes
-from observer_fi.bank.filterpy_bank import FilterpyBank
-from observer_fi.bank.hypotheses import Hypothesis, bank
-from observer_fi.learn.gauss_newton import residuals
-from observer_fi.learn.move_data import prepare
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import Fault
+from observer_fi.learn import prepare, residuals
+from observer_fi.logs import Row
+from observer_fi.physics import Fault, load_rig
 from observer_fi.records import Log
-from observer_fi.serve.live import Live, Row
+from observer_fi.serve import Live
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict.diagnosis import make_bank
+from observer_fi.verdict import make_bank
 
 PLAIN = BankSettings(augment=False, unknown=False, sensors=False)
 RIG = load_rig()

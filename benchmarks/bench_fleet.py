@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from results import record
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import csv_bytes, drawn_scenario, synthesise
+from observer_fi.physics import csv_bytes, drawn_scenario, load_rig, synthesise
 from observer_fi.serve import fleet
 from observer_fi.settings import Settings
 

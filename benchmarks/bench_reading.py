@@ -11,7 +11,7 @@ from nptdms import ChannelObject, TdmsWriter
 from results import micro, record, timed
 from sample_logs import COLUMNS, FOLDER, healthy_csv, moves_log
 
-from observer_fi.logs.ingest import read_log
+from observer_fi.logs import read_log
 
 
 def files() -> dict[str, Path]:

@@ -19,9 +19,8 @@ import numpy as np
 from results import command_line, record
 from sample_logs import csv_log
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
-from observer_fi.serve.watch import Options, Watch
+from observer_fi.physics import Fault, Move, Scenario, csv_bytes, load_rig, synthesise
+from observer_fi.serve import Options, Watch
 from observer_fi.settings import Settings
 
 RATE_HZ = 1600.0

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from observer_fi.physics.rigs import load_rig
+from observer_fi.physics import load_rig
 from observer_fi.records import Log
 
 _m = load_rig().model

@@ -7,8 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
+from observer_fi.physics import Fault, Move, Scenario, csv_bytes, load_rig, synthesise
 from observer_fi.records import Log
 
 FOLDER = Path(tempfile.gettempdir()) / "observer_fi_bench"

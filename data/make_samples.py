@@ -3,10 +3,8 @@
 import sys
 from pathlib import Path
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
-from observer_fi.report.diagnosis import json_text
-from observer_fi.report.result_folder import write_file
+from observer_fi.physics import Fault, Move, Scenario, csv_bytes, load_rig, synthesise
+from observer_fi.report import json_text, write_file
 
 HERE = Path(__file__).resolve().parent
 START = 0.3

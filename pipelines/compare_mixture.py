@@ -13,12 +13,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.report.comparison_page import page, table
-from observer_fi.report.diagnosis import json_text
-from observer_fi.report.result_folder import write_folder
+from observer_fi.physics import load_rig
+from observer_fi.report import json_text, page, table, write_folder
 from observer_fi.settings import Settings
-from observer_fi.verdict.comparison import as_dict, compare
+from observer_fi.verdict import as_dict, compare
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,12 +11,12 @@ from pathlib import Path
 import pandas as pd
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs.ingest import load_columns, log_name
-from observer_fi.physics.rigs import load_rig
+from observer_fi.logs import load_columns, log_name
+from observer_fi.physics import load_rig
 from observer_fi.report import diagnosis as report
-from observer_fi.report.result_folder import write_file
+from observer_fi.report import write_file
 from observer_fi.settings import Settings
-from observer_fi.verdict.diagnosis import diagnose
+from observer_fi.verdict import diagnose
 
 PATTERNS = ("*.csv", "*.csv.gz", "*.parquet", "*.tdms", "*.lvm")
 SHOWN = ["label", "channel", "probability", "onset_s", "isolated_s", "mixture", "nis", "error"]

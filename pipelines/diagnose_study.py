@@ -20,14 +20,18 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log  # noqa: E402
 
-from observer_fi.bank import lanes  # noqa: E402
-from observer_fi.bank.compiled_bank import Bank  # noqa: E402
-from observer_fi.bank.hypotheses import bank  # noqa: E402
-from observer_fi.logs.ingest import log_from_frame  # noqa: E402
-from observer_fi.physics.rigs import load_rig  # noqa: E402
+from observer_fi.bank import (
+    Bank,  # noqa: E402
+    bank,  # noqa: E402
+    lanes,  # noqa: E402
+)
+from observer_fi.logs import log_from_frame  # noqa: E402
+from observer_fi.physics import load_rig  # noqa: E402
 from observer_fi.settings import BankSettings, Settings  # noqa: E402
-from observer_fi.verdict.diagnosis import diagnose_log  # noqa: E402
-from observer_fi.verdict.isolate import label_of  # noqa: E402
+from observer_fi.verdict import (
+    diagnose_log,  # noqa: E402
+    label_of,  # noqa: E402
+)
 
 FIRST_SEED = 60_000
 NAMED = ("nominal", "overload", "coupling_loss")

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.improve.freed_equations import LOOKS_LIKE, WANTED_NATS
-from observer_fi.improve.improvement import refitted
-from observer_fi.improve.smoothed_disturbance import free_equations
-from observer_fi.physics.rigs import load_rig
+from observer_fi.improve import LOOKS_LIKE, WANTED_NATS, free_equations, refitted
+from observer_fi.physics import load_rig
 from observer_fi.records import Log
 
 

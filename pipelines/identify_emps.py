@@ -8,17 +8,18 @@ import sys
 from pathlib import Path
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.learn.inverse_dynamics import (
+from observer_fi.learn import (
     Columns,
+    InverseSettings,
     identify_force,
+    prepare_motion,
     relative,
     residual_on,
     solve,
     structure_of,
 )
-from observer_fi.learn.inverse_motion import InverseSettings, prepare
-from observer_fi.physics.rigs import load_rig
-from observer_fi.report.inverse_learning import fit_table, scores_table
+from observer_fi.physics import load_rig
+from observer_fi.report import fit_table, scores_table
 from pipelines.emps import FILES, LEARN, PULSES, SOURCE, VARIABLE, load, to_log
 
 PUBLISHED = {"symmetric": "emps_published", "two directions": "emps_two_directions"}
@@ -37,7 +38,7 @@ def main(argv: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     as_published = InverseSettings(edge=0)  # the authors fit the edge of the filters as well
-    motions = [prepare(log, as_published) for log in (learn, pulses)]
+    motions = [prepare_motion(log, as_published) for log in (learn, pulses)]
     text, scores = [], {}
     for name, packaged in PUBLISHED.items():
         rig = load_rig(packaged)

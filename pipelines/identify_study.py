@@ -20,13 +20,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 import hidden
 
-from observer_fi.learn.identification import identified_rig, identify
-from observer_fi.logs.ingest import log_from_frame
-from observer_fi.physics.rigs import Rig, load_rig
+from observer_fi.learn import identified_rig, identify
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import Rig, load_rig
 from observer_fi.records import Fit, Log
 from observer_fi.settings import Settings
-from observer_fi.verdict import scores
-from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict import diagnose_log, scores
 
 TRUTH_NAMES = {
     "A_decoupled": "A_loose", "J_decoupled": "J_loose", "x_stop_high": "stop_high_m", "x_stop_low": "stop_low_m",

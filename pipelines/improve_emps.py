@@ -14,17 +14,25 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.inverse_improvement import extended, judge, to_json
-from observer_fi.improve.inverse_ladder import Ladder, name_causes
-from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
-from observer_fi.learn.inverse_columns import Columns
-from observer_fi.learn.inverse_dynamics import Solution, relative, residual_on, solve, structure_of
-from observer_fi.learn.inverse_motion import Motion, prepare
-from observer_fi.physics.rigs import Rig, load_rig, rig_toml, with_values
+from observer_fi.improve import Ladder, extended, inverse_json, judge, name_causes
+from observer_fi.learn import (
+    Columns,
+    Motion,
+    PositionServo,
+    Solution,
+    closed_loop,
+    predict,
+    prepare_motion,
+    relative,
+    residual_on,
+    solve,
+    structure_of,
+    tune,
+)
+from observer_fi.physics import Rig, load_rig, rig_toml, with_values
 from observer_fi.records import Log
 from observer_fi.report import inverse_learning as text
-from observer_fi.report.diagnosis import json_text
-from observer_fi.report.result_folder import write_file
+from observer_fi.report import json_text, write_file
 from pipelines import emps
 
 HALF_S = 12.42  # the second half of the pulses is judged
@@ -67,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     logs = [emps.to_log(run) for run in runs]
-    learn, pulses = (prepare(log) for log in logs)
+    learn, pulses = (prepare_motion(log) for log in logs)
     rig = load_rig("emps")
     training = (learn, pulses.between(-np.inf, HALF_S - GUARD_S))
     alone, both = name_causes(rig, training[:1]), name_causes(rig, training)
@@ -99,7 +107,7 @@ def main(argv: list[str] | None = None) -> int:
         LEGEND,
     ]
     write_file(args.out / "improve.md", "\n".join(sections))
-    write_file(args.out / "improve.json", json_text(to_json(both)))
+    write_file(args.out / "improve.json", json_text(inverse_json(both)))
     write_file(args.out / "rig.toml", rig_toml(extended(both, "emps_extended")))
     print(sections[1])
     return 0

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.improve.improvement import Improvement, improve
-from observer_fi.learn.gauss_newton import nll_per_sample
-from observer_fi.learn.move_data import prepare, whitened
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.rigs import load_rig
+from observer_fi.improve import Improvement, improve
+from observer_fi.learn import nll_per_sample, prepare, whitened
+from observer_fi.physics import CAUSES, load_rig
 from observer_fi.records import Log
 
 PAIRS = (

@@ -14,17 +14,22 @@ from pathlib import Path
 
 import numpy as np
 
+from observer_fi.physics import Fault, Move, Rig, Scenario, load_rig, synthesise
 from observer_fi.physics import paper_residuals as residuals
-from observer_fi.physics.rigs import Rig, load_rig
-from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Array, Estimate, Log
-from observer_fi.report.chart import Figure, padded
-from observer_fi.report.diagnosis import environment, versions
-from observer_fi.report.diagnosis_figures import COLOURS, MEASURED, MIXTURE, WORDS
-from observer_fi.report.result_folder import write_folder
+from observer_fi.report import (
+    COLOURS,
+    MEASURED,
+    MIXTURE,
+    WORDS,
+    Figure,
+    environment,
+    padded,
+    versions,
+    write_folder,
+)
 from observer_fi.settings import Settings
-from observer_fi.verdict.comparison import open_loop_estimate
-from observer_fi.verdict.diagnosis import make_bank
+from observer_fi.verdict import make_bank, open_loop_estimate
 
 MODEL = "#d55e00"
 START, DETECTED, SECONDS = 0.05, 3.0, 6.0

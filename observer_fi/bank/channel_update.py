@@ -6,8 +6,7 @@ Hypotheses stand side by side (`bank_rows.py`).
 import math
 
 from observer_fi.bank import transition as tr
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import above, nothing, sqrt
+from observer_fi.numerics import above, inlined, nothing, sqrt
 
 
 @inlined

@@ -23,9 +23,8 @@ from observer_fi.bank.imm import mix, posterior
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import bank_rows, tuning
 from observer_fi.bank.work_arrays import rows_of, scratch
-from observer_fi.numerics.compile import compiled, inlined, uncounted
-from observer_fi.numerics.rows import above, larger, nothing, room, seldom, sqrt
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import above, compiled, inlined, larger, nothing, room, seldom, sqrt, uncounted
+from observer_fi.physics import Rig
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
 

@@ -8,9 +8,8 @@ import numpy as np
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
 from observer_fi.bank.motion_moments import onto, shown, through, without
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import above, log, nothing, seldom
-from observer_fi.physics.equations import VMAX
+from observer_fi.numerics import above, inlined, log, nothing, seldom
+from observer_fi.physics import VMAX
 
 REST_VARIANCE = tr.REST_VARIANCE
 

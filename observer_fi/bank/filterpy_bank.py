@@ -28,8 +28,7 @@ from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import SKIPPED_S, Tuning, tuning
-from observer_fi.physics.equations import VMAX
-from observer_fi.physics.rigs import Rig
+from observer_fi.physics import VMAX, Rig
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
 

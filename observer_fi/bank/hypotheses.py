@@ -12,9 +12,8 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.errors import UsageError
+from observer_fi.physics import INDEX, Model, Rig
 from observer_fi.physics import rigs as models
-from observer_fi.physics.equations import INDEX
-from observer_fi.physics.rigs import Model, Rig
 from observer_fi.records import CHANNELS, Array
 from observer_fi.settings import BankSettings
 

@@ -7,8 +7,7 @@ from the entry prior. Probabilities live in logs where they are compared. Hypoth
 import math
 
 from observer_fi.bank import transition as tr
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import above, exp, larger, nothing
+from observer_fi.numerics import above, exp, inlined, larger, nothing
 
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
 UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed

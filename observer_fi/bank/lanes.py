@@ -18,9 +18,20 @@ from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.motion_moments import onto, shown, through, with_source, without
 from observer_fi.bank.packing import SKIPPED_S, lined_up, tuning
-from observer_fi.numerics.compile import inlined, uncounted
-from observer_fi.numerics.rows import MOST, above, exp, larger, log, nothing, seldom, side_by_side, some
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import (
+    MOST,
+    above,
+    exp,
+    inlined,
+    larger,
+    log,
+    nothing,
+    seldom,
+    side_by_side,
+    some,
+    uncounted,
+)
+from observer_fi.physics import Rig
 from observer_fi.records import Array, Log
 from observer_fi.settings import BankSettings
 

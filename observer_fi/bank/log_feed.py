@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.numerics.compile import inlined, uncounted
-from observer_fi.physics.rigs import Model
+from observer_fi.numerics import inlined, uncounted
+from observer_fi.physics import Model
 from observer_fi.records import Array, Log
 
 SETTLING = 8  # first samples that tell the sampling interval

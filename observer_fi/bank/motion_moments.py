@@ -3,7 +3,7 @@
 f is the transition matrix as `transition.motion_transition` gives it.
 """
 
-from observer_fi.numerics.compile import inlined
+from observer_fi.numerics import inlined
 
 
 @inlined

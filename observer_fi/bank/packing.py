@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.numerics.rows import MOST, Wide, aligned
+from observer_fi.numerics import MOST, Wide, aligned
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
 

@@ -11,8 +11,8 @@ from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import bank_rows, tuning
 from observer_fi.bank.ukf import factor
 from observer_fi.bank.work_arrays import rows_of, scratch
-from observer_fi.numerics.compile import inlined, uncounted
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import inlined, uncounted
+from observer_fi.physics import Rig
 from observer_fi.records import Array, Log
 from observer_fi.settings import BankSettings
 

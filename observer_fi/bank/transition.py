@@ -18,8 +18,7 @@ import math
 
 import numpy as np
 
-from observer_fi.numerics.compile import inlined, uncounted
-from observer_fi.numerics.rows import above, exp, log, nothing, seldom, signed, some, sqrt
+from observer_fi.numerics import above, exp, inlined, log, nothing, seldom, signed, some, sqrt, uncounted
 from observer_fi.physics import equations as a
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)

@@ -10,9 +10,8 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import above, larger, log, nothing, side_by_side, sqrt
-from observer_fi.physics.equations import VMAX
+from observer_fi.numerics import above, inlined, larger, log, nothing, side_by_side, sqrt
+from observer_fi.physics import VMAX
 from observer_fi.records import Array
 
 # Sigma points at sqrt(n) standard deviations: with alpha = 1 and kappa = 0 no weight is negative, so that a covariance

@@ -6,8 +6,7 @@ import numpy as np
 
 from observer_fi.bank.packing import BankRows, lined_up
 from observer_fi.bank.ukf import UnscentedWork, work_arrays
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import side_by_side
+from observer_fi.numerics import inlined, side_by_side
 from observer_fi.records import Array
 
 

@@ -1,5 +1,7 @@
 """The command line: arguments to one call to an exit code."""
 
-from observer_fi.cli.main import main
+from observer_fi.cli.commands import main
 
-__all__ = ["main"]
+__all__ = [
+    "main",
+]

@@ -7,7 +7,7 @@ from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:
-    from observer_fi.physics.rigs import Rig
+    from observer_fi.physics import Rig
     from observer_fi.records import Log
 
 Improved = tuple[dict[str, Any], dict[str, str], str]  # JSON, files, headline
@@ -32,8 +32,7 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
-    from observer_fi.logs.command_recovery import with_command
-    from observer_fi.logs.ingest import load_columns, read_log
+    from observer_fi.logs import load_columns, read_log, with_command
 
     columns = load_columns(args.columns) if args.columns else None
     logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
@@ -42,11 +41,10 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 
 def run_identify(args: argparse.Namespace) -> int:
     """A rig learned from its logs."""
-    from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
-    from observer_fi.logs.ingest import log_name
-    from observer_fi.physics.rigs import load_rig
-    from observer_fi.report.learning import identify_files, identify_json
-    from observer_fi.report.result_folder import write_folder
+    from observer_fi.learn import identified_rig, identify, residuals_by_phase
+    from observer_fi.logs import log_name
+    from observer_fi.physics import load_rig
+    from observer_fi.report import identify_files, identify_json, write_folder
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
     logs = _learning_logs(args, rig)
@@ -64,9 +62,9 @@ def run_identify(args: argparse.Namespace) -> int:
 
 def run_improve(args: argparse.Namespace) -> int:
     """What the simulation gets wrong, and the extended rig."""
-    from observer_fi.logs.ingest import log_name
-    from observer_fi.physics.rigs import load_rig
-    from observer_fi.report.result_folder import write_folder
+    from observer_fi.logs import log_name
+    from observer_fi.physics import load_rig
+    from observer_fi.report import write_folder
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
     logs = _learning_logs(args, rig)
@@ -82,11 +80,10 @@ def run_improve(args: argparse.Namespace) -> int:
 
 def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:
     """A rig with a servo: simulated moves against measured ones."""
-    from observer_fi.improve.diagnosis_gain import worth
-    from observer_fi.improve.improvement import improve
-    from observer_fi.learn.unknown_servo import with_servo
-    from observer_fi.logs.moves import excitation, log_segments
-    from observer_fi.report.learning import improve_files, improve_headline, improve_json
+    from observer_fi.improve import improve, worth
+    from observer_fi.learn import with_servo
+    from observer_fi.logs import excitation, log_segments
+    from observer_fi.report import improve_files, improve_headline, improve_json
     from observer_fi.settings import Settings
 
     tell = step(args)
@@ -106,10 +103,9 @@ def _improve_force(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Name
         raise UsageError(
             '--keep-unexplained needs a rig whose moves are simulated, not one with drive = "force"'
         )
-    from observer_fi.improve.inverse_improvement import to_json
-    from observer_fi.improve.inverse_ladder import name_causes
-    from observer_fi.learn.inverse_motion import prepare
-    from observer_fi.report.inverse_learning import improve_files, improve_headline
+    from observer_fi.improve import inverse_json, name_causes
+    from observer_fi.learn import prepare_motion
+    from observer_fi.report import inverse_files, inverse_headline
 
-    ladder = name_causes(rig, [prepare(log) for log in logs], progress=step(args))
-    return to_json(ladder), improve_files(ladder, name, list(args.logs)), improve_headline(ladder)
+    ladder = name_causes(rig, [prepare_motion(log) for log in logs], progress=step(args))
+    return inverse_json(ladder), inverse_files(ladder, name, list(args.logs)), inverse_headline(ladder)

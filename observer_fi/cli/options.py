@@ -62,7 +62,7 @@ def progress(items: Iterable[T], args: argparse.Namespace, total: int, unit: str
 
 def emit_json(value: Any) -> None:
     """A result on standard output."""
-    from observer_fi.report.diagnosis import json_text
+    from observer_fi.report import json_text
 
     sys.stdout.write(json_text(value))
 
@@ -73,7 +73,7 @@ def folder_names(logs: Sequence[str], name: str | None = None) -> tuple[dict[str
     Two logs of one stem would overwrite each other's report: the later ones get their parent folder's name
     in front, or a number.
     """
-    from observer_fi.logs.ingest import log_name
+    from observer_fi.logs import log_name
 
     taken: set[str] = set()
     names: dict[str, str] = {}

@@ -7,12 +7,12 @@ from observer_fi.cli.options import OK, add_common, add_engine, add_rig, emit_js
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:
-    from observer_fi.physics.scenario import Scenario
+    from observer_fi.physics import Scenario
 
 
 def simulate_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `simulate`."""
-    from observer_fi.physics.scenario import FAULTS
+    from observer_fi.physics import FAULTS
     from observer_fi.records import CHANNELS
 
     parser.add_argument(
@@ -54,10 +54,8 @@ def simulate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_simulate(args: argparse.Namespace) -> int:
     """A synthetic log, its truth beside it."""
-    from observer_fi.physics.rigs import load_rig
-    from observer_fi.physics.scenario import csv_bytes, synthesise
-    from observer_fi.report.diagnosis import json_text
-    from observer_fi.report.result_folder import write_file
+    from observer_fi.physics import csv_bytes, load_rig, synthesise
+    from observer_fi.report import json_text, write_file
 
     rig, scenario = load_rig(args.rig), _scenario(args)
     log, truth = synthesise(scenario, rig, args.name)
@@ -72,7 +70,7 @@ def run_simulate(args: argparse.Namespace) -> int:
 
 
 def _scenario(args: argparse.Namespace) -> "Scenario":
-    from observer_fi.physics.scenario import Fault, Move, Scenario
+    from observer_fi.physics import Fault, Move, Scenario
 
     moves = tuple(Move(*numbers(part, ":", 3, "--moves")) for part in args.moves.split(",") if part)
     ends = [move.start_s + move.seconds for move in moves]
@@ -111,10 +109,8 @@ def compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_compare(args: argparse.Namespace) -> int:
     """The bank against the open-loop mixture on drawn faults."""
-    from observer_fi.physics.rigs import load_rig
-    from observer_fi.report.comparison_page import page, table
-    from observer_fi.report.diagnosis import json_text
-    from observer_fi.report.result_folder import write_folder
+    from observer_fi.physics import load_rig
+    from observer_fi.report import json_text, page, table, write_folder
     from observer_fi.settings import load_settings
     from observer_fi.verdict import comparison
 

@@ -37,11 +37,11 @@ def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_diagnose(args: argparse.Namespace) -> int:
     """A verdict and a report for each log; a bad one never stops the others."""
-    from observer_fi.logs.ingest import load_columns
-    from observer_fi.physics.rigs import load_rig
+    from observer_fi.logs import load_columns
+    from observer_fi.physics import load_rig
     from observer_fi.report import diagnosis as report
     from observer_fi.settings import load_settings
-    from observer_fi.verdict.diagnosis import diagnose
+    from observer_fi.verdict import diagnose
 
     rig, settings = load_rig(args.rig), load_settings(args.settings)
     columns = load_columns(args.columns) if args.columns else None
@@ -124,8 +124,8 @@ def fleet_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_fleet(args: argparse.Namespace) -> int:
     """Many logs, and a summary of them."""
-    from observer_fi.logs.ingest import load_columns
-    from observer_fi.physics.rigs import load_rig
+    from observer_fi.logs import load_columns
+    from observer_fi.physics import load_rig
     from observer_fi.serve import fleet
     from observer_fi.settings import load_settings
 

@@ -6,13 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.physics.rigs import Rig
-from observer_fi.physics.scenario import synthesise
+from observer_fi.physics import Rig, synthesise
 from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
-from observer_fi.verdict import scores
-from observer_fi.verdict.comparison import scenarios
-from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict import diagnose_log, scenarios, scores
 
 CASES = 24  # simulated logs: a third healthy, a third each fault, half of them in the start
 FAULTS = ("overload", "coupling_loss")

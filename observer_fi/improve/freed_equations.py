@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.improve.random_walk import Series, likelihood
-from observer_fi.learn.linear import DISTURBANCES, TORQUE, Linear
-from observer_fi.learn.move_data import Experiment
-from observer_fi.physics.rigs import Model
+from observer_fi.learn import DISTURBANCES, TORQUE, Experiment, Linear
+from observer_fi.physics import Model
 from observer_fi.records import Array
 
 WANTED_NATS = 20.0  # of 12 logs without any effect (seeds 9000 to 9011) the most is 4

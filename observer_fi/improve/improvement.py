@@ -24,14 +24,29 @@ from observer_fi.improve.ladder import (
 from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.smoothed_disturbance import Latent, free_equations
 from observer_fi.improve.unexplained import Smooth, rest_steps, slow_excess, smooth_terms
-from observer_fi.learn.gauss_newton import FitResult, Free, fit, nll_per_sample, whiteness
-from observer_fi.learn.move_data import Experiment, prepare
-from observer_fi.learn.stops import find_stops, stops_of_travel
-from observer_fi.numerics.products import square
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.empirical_curve import is_curve, to_table
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Model, Rig, override, with_curve, with_values
+from observer_fi.learn import (
+    Experiment,
+    FitResult,
+    Free,
+    find_stops,
+    fit,
+    nll_per_sample,
+    prepare,
+    stops_of_travel,
+    whiteness,
+)
+from observer_fi.numerics import square
+from observer_fi.physics import (
+    CAUSES,
+    PARAMETERS,
+    Model,
+    Rig,
+    is_curve,
+    override,
+    to_table,
+    with_curve,
+    with_values,
+)
 from observer_fi.records import Array, Log, Segment
 
 SCHEMA = "observer-fi/improve/1"

@@ -8,20 +8,18 @@ import numpy as np
 
 from observer_fi.improve.inverse_ladder import Ladder, nll
 from observer_fi.improve.inverse_vocabulary import Candidate
-from observer_fi.learn.gauss_newton import whiteness
-from observer_fi.learn.inverse_columns import Columns
-from observer_fi.learn.inverse_dynamics import (
+from observer_fi.learn import (
+    Columns,
+    Motion,
     Solution,
     extended_rig,
     held_out,
     parameters_of,
     relative,
     residual_on,
+    whiteness,
 )
-from observer_fi.learn.inverse_motion import Motion
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Rig
+from observer_fi.physics import CAUSES, PARAMETERS, Rig
 from observer_fi.records import Finding, Parameter
 
 
@@ -67,21 +65,21 @@ def _parameter(name: str, value: float, std: float, rig: Rig) -> Parameter:
     )
 
 
-def refitted(ladder: Ladder) -> tuple[Parameter, ...]:
+def inverse_refit(ladder: Ladder) -> tuple[Parameter, ...]:
     """Parameters that only moved: of the final model those that no finding speaks of."""
     named = {p.name for finding in findings(ladder) for p in finding.parameters}
     found = parameters_of(ladder.final).items()
     return tuple(_parameter(name, *value, ladder.rig) for name, value in found if name not in named)
 
 
-def to_json(ladder: Ladder) -> dict[str, Any]:
+def inverse_json(ladder: Ladder) -> dict[str, Any]:
     """The ladder as `improve.json`; the force residual [N] stands for the readings, for nothing else was predicted."""
     return {
         "schema": "observer-fi/improve/1",
         "baseline": _summary(ladder.start),
         "refit": {
             p.name: {"value": p.value, "std": p.std, "prior": p.prior, "unit": p.unit}
-            for p in refitted(ladder)
+            for p in inverse_refit(ladder)
         },
         "findings": [_finding(f) for f in findings(ladder)],
         "unexplained": [

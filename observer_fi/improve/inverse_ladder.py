@@ -27,8 +27,10 @@ from observer_fi.improve.inverse_screening import (
 )
 from observer_fi.improve.inverse_unexplained import unexplained
 from observer_fi.improve.inverse_vocabulary import Candidate, screw_is_shaft, vocabulary
-from observer_fi.learn.inverse_columns import TIMING, Columns
-from observer_fi.learn.inverse_dynamics import (
+from observer_fi.learn import (
+    TIMING,
+    Columns,
+    Motion,
     Solution,
     Structure,
     held_out,
@@ -37,9 +39,7 @@ from observer_fi.learn.inverse_dynamics import (
     solve,
     structure_of,
 )
-from observer_fi.learn.inverse_motion import Motion
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.rigs import Rig
+from observer_fi.physics import CAUSES, Rig
 from observer_fi.records import Array
 
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer_fi.improve.inverse_vocabulary import Candidate
-from observer_fi.learn.inverse_columns import TIMING, Columns, Sharing
-from observer_fi.learn.inverse_dynamics import Solution, correlated, solve
-from observer_fi.learn.inverse_motion import Motion
+from observer_fi.learn import TIMING, Columns, Motion, Sharing, Solution, correlated, solve
 from observer_fi.records import Array
 
 _SHORT = 0.3  # rad at the edge of the band

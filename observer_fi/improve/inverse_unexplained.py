@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer_fi.learn.inverse_dynamics import Solution
-from observer_fi.learn.inverse_motion import Motion
-from observer_fi.physics.rigs import Rig
+from observer_fi.learn import Motion, Solution
+from observer_fi.physics import Rig
 from observer_fi.records import Array
 
 

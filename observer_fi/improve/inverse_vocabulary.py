@@ -6,10 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from observer_fi.learn.inverse_columns import TERMS, TIMING, Term
-from observer_fi.learn.inverse_dynamics import Structure
-from observer_fi.learn.inverse_motion import Motion
-from observer_fi.physics.rigs import Rig
+from observer_fi.learn import TERMS, TIMING, Motion, Structure, Term
+from observer_fi.physics import Rig
 
 
 @dataclass(frozen=True)

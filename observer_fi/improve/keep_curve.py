@@ -8,20 +8,19 @@ import numpy as np
 
 from observer_fi.improve.ladder import held_out_residuals
 from observer_fi.improve.unexplained import Smooth, regressors
-from observer_fi.learn.gauss_newton import FitResult, Free, fit
-from observer_fi.learn.move_data import Experiment, run
-from observer_fi.numerics.products import square
-from observer_fi.physics.empirical_curve import (
+from observer_fi.learn import Experiment, FitResult, Free, fit, run
+from observer_fi.numerics import square
+from observer_fi.physics import (
     ANGLES,
     FRAME,
+    MOST_POINTS,
     Curve,
     curve_of,
     is_possible,
+    override,
     parameters,
     value_names,
 )
-from observer_fi.physics.equations import MOST_POINTS
-from observer_fi.physics.rigs import override
 
 # Points that are tried; held-out moves choose among them.
 _POINTS = {"pitch": (3, 5, 9), "shaft_angle": (12, 24), "screw_angle": (12, 24)}

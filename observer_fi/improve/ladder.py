@@ -12,20 +12,19 @@ import numpy as np
 
 from observer_fi.improve.screening import Candidate, reach_of, refit, screen
 from observer_fi.improve.unexplained import smooth_terms
-from observer_fi.learn.gauss_newton import (
+from observer_fi.learn import (
+    Experiment,
     FitResult,
     Free,
     fit,
     inflation,
     objective,
     residuals,
+    select,
     without_moves,
 )
-from observer_fi.learn.move_data import Experiment, select
-from observer_fi.numerics.products import square
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Model, Rig, override
+from observer_fi.numerics import square
+from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override
 from observer_fi.records import Array
 
 # Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.

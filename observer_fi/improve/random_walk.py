@@ -12,10 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.improve.random_walk_filter import STATES, back, forward
-from observer_fi.learn.gauss_newton import FitResult, scales
-from observer_fi.learn.linear import Linear
-from observer_fi.learn.move_data import Experiment, unwhitened
-from observer_fi.learn.reversal_doubt import CAUGHT_A
+from observer_fi.learn import CAUGHT_A, Experiment, FitResult, Linear, scales, unwhitened
 from observer_fi.records import Array
 
 # A linear analysis of a deviation is right to some per cent of it, so a tenth of the local misfit counts as noise. On field

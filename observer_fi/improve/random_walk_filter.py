@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from observer_fi.numerics.compile import compiled, inlined
+from observer_fi.numerics import compiled, inlined
 
 STATES = 4
 

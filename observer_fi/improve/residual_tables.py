@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from observer_fi.improve.unexplained import regressors
-from observer_fi.learn.gauss_newton import FitResult
-from observer_fi.learn.move_data import Experiment, run
+from observer_fi.learn import Experiment, FitResult, run
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 

@@ -13,12 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from observer_fi.learn.gauss_newton import FitResult, Free, fit, nuisance_columns, residuals, scales
-from observer_fi.learn.move_data import Experiment, run
-from observer_fi.numerics.products import along, less, orthonormal, self_gram
+from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals, run, scales
+from observer_fi.numerics import along, less, orthonormal, self_gram
+from observer_fi.physics import CAUSES, Cause, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
-from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
-from observer_fi.physics.rigs import Model, override
 from observer_fi.records import Array
 
 _SHAPE_STEP = 0.03  # relative step of a shape

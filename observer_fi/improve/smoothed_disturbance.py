@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from observer_fi.improve.freed_equations import WANTED_NATS, Freed, FreedEquation, free_each, freed_equations
 from observer_fi.improve.random_walk import Series, series_of, smoothed
 from observer_fi.improve.unexplained import regressors
-from observer_fi.learn.gauss_newton import FitResult
-from observer_fi.learn.linear import (
+from observer_fi.learn import (
     DISTURBANCES,
     DRAG,
     FRICTION,
@@ -22,10 +21,12 @@ from observer_fi.learn.linear import (
     TORQUE,
     WINDING,
     Disturbance,
+    Experiment,
+    FitResult,
     Linear,
     linearised,
+    run,
 )
-from observer_fi.learn.move_data import Experiment, run
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.improve.screening import Projector
-from observer_fi.learn.gauss_newton import FitResult
-from observer_fi.learn.move_data import Experiment, run, whitened
-from observer_fi.numerics.compile import compiled
-from observer_fi.numerics.products import along, self_gram
+from observer_fi.learn import Experiment, FitResult, run, whitened
+from observer_fi.numerics import along, compiled, self_gram
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array

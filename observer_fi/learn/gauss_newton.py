@@ -18,8 +18,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from observer_fi.learn.move_data import Experiment, commands, simulate, simulate_each, whitened
-from observer_fi.numerics.products import along, gram, self_gram, square
-from observer_fi.physics.rigs import Model, override
+from observer_fi.numerics import along, gram, self_gram, square
+from observer_fi.physics import Model, override
 from observer_fi.records import Array
 
 _ITERATIONS = 20

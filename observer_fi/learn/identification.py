@@ -28,12 +28,9 @@ from observer_fi.learn.joint_likelihood import (
 )
 from observer_fi.learn.kinematic_breaks import Breaks, find_breaks
 from observer_fi.learn.move_data import cut_moves
-from observer_fi.logs.command_recovery import with_command
-from observer_fi.logs.moves import Phase, log_segments, phases
+from observer_fi.logs import Phase, log_segments, phases, with_command
+from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
 from observer_fi.physics import equations as a
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Model, Rig, override, with_values
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.

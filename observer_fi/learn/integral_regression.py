@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.kinematic_breaks import motor_angle
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Model, Rig
+from observer_fi.physics import PARAMETERS, Model, Rig
 from observer_fi.records import Array, Fit, Log, Parameter
 
 WINDOW_S = 0.25

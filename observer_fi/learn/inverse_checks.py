@@ -15,9 +15,8 @@ import numpy as np
 
 from observer_fi.learn.inverse_columns import TIMING, Sharing
 from observer_fi.learn.inverse_dynamics import Solution, weight
-from observer_fi.numerics.compile import compiled
-from observer_fi.physics.equations import NAMES, D, J, applied_torque
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import compiled
+from observer_fi.physics import NAMES, D, J, Rig, applied_torque
 from observer_fi.records import Array, Log
 
 SIGN_LENGTH = 2e-6  # m over which the friction of a reversal builds up; far below what the logs resolve

@@ -13,9 +13,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cheby1, lfilter
 
 from observer_fi.learn.inverse_motion import Motion, low_passed, slope, zero_phase
-from observer_fi.numerics.compile import compiled
-from observer_fi.physics.equations import INDEX, PARAMETERS, applied_torque
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import compiled
+from observer_fi.physics import INDEX, PARAMETERS, Rig, applied_torque
 from observer_fi.records import Array
 
 T = TypeVar("T")

@@ -22,9 +22,8 @@ from scipy.signal import fftconvolve
 
 from observer_fi.errors import UsageError
 from observer_fi.learn.inverse_columns import FORMS, SHAPES, TERMS, Columns, Sharing, Term
-from observer_fi.learn.inverse_motion import InverseSettings, Motion, prepare
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Rig, with_values
+from observer_fi.learn.inverse_motion import InverseSettings, Motion, prepare_motion
+from observer_fi.physics import PARAMETERS, Rig, with_values
 from observer_fi.records import Array, Fit, Log, Parameter
 
 LAGS = 100  # decimated samples, 1 s: a stroke of the rig, beyond which residuals repeat rather than correlate
@@ -342,7 +341,7 @@ def identify_force(logs: Sequence[Log], rig: Rig, settings: InverseSettings | No
     rmse: force_n [N] in the fitted band; nll_per_sample: Gaussian, per decimated sample [nats].
     """
     check_force_rig(rig)
-    motions = [prepare(log, settings) for log in logs]
+    motions = [prepare_motion(log, settings) for log in logs]
     columns = Columns(rig)
     solution = solve(columns, motions, structure_of(rig, motions))
     found = parameters_of(solution)

@@ -105,7 +105,7 @@ def sensor_noise(x: Array) -> float:
     return float(high - low) / 2.0 / math.sqrt(math.comb(12, 6))
 
 
-def prepare(log: Log, settings: InverseSettings | None = None) -> Motion:
+def prepare_motion(log: Log, settings: InverseSettings | None = None) -> Motion:
     """The log filtered, differentiated and decimated. Raises InvalidLogError where it holds no force or no motion."""
     settings = settings or InverseSettings()
     t, x, force, known = _uniform(log)

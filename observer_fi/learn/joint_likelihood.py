@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from observer_fi.learn.gauss_newton import Free, inflation
 from observer_fi.learn.kinematic_breaks import Breaks, speed_of
 from observer_fi.learn.move_data import Experiment, commands, cut_moves, prepare, run, simulate_each
-from observer_fi.numerics.products import along, gram, self_gram, square
+from observer_fi.numerics import along, gram, self_gram, square
+from observer_fi.physics import Model, Rig, override
 from observer_fi.physics import simulation as s
-from observer_fi.physics.rigs import Model, Rig, override
 from observer_fi.records import Array, Log, Segment
 
 _ITERATIONS = 30

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.physics import Model
 from observer_fi.physics import equations as a
-from observer_fi.physics.rigs import Model
 from observer_fi.records import Array, Log, Segment
 
 BLOCK_S = 0.01  # averages of so long are compared

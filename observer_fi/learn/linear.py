@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
 from observer_fi.learn.move_data import Experiment, commands
-from observer_fi.numerics.compile import compiled
+from observer_fi.numerics import compiled
+from observer_fi.physics import Model
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
-from observer_fi.physics.rigs import Model
 from observer_fi.records import Array
 
 

@@ -16,11 +16,9 @@ from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
+from observer_fi.physics import Model, Rig, corners, quarters
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
-from observer_fi.physics.command import corners
-from observer_fi.physics.rigs import Model, Rig
-from observer_fi.physics.trapezoid import quarters
 from observer_fi.records import Array, Log, Segment
 
 REST_S = 0.05  # of the rest before a move: enough samples for its starting point

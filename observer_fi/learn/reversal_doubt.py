@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.physics.rigs import Model
+from observer_fi.physics import Model
 from observer_fi.records import Array
 
 # s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.

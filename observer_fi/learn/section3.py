@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.learn.kinematic_breaks import motor_angle, speed_of
-from observer_fi.logs.moves import settling_time
-from observer_fi.physics.rigs import Model
+from observer_fi.logs import settling_time
+from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
 PLATEAU_S = 0.006  # a source that follows its command holds 0.5 % of its peak for 2 ms at most

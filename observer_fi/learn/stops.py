@@ -7,7 +7,7 @@ import numpy as np
 
 from observer_fi.learn.kinematic_breaks import find_breaks
 from observer_fi.learn.move_data import Experiment, cut_moves
-from observer_fi.physics.rigs import Model, Rig, override
+from observer_fi.physics import Model, Rig, override
 from observer_fi.records import Array, Log
 
 _SETTLED_S = 0.3

@@ -7,9 +7,8 @@ import numpy as np
 
 from observer_fi.errors import UsageError
 from observer_fi.learn.identification import identified_rig, identify
-from observer_fi.logs.command_recovery import ABSENT
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Quantity, Rig
+from observer_fi.logs import ABSENT
+from observer_fi.physics import PARAMETERS, Quantity, Rig
 from observer_fi.records import Log
 
 # Where the search begins; the closed forms of section 3 and the likelihood find the rest from far away.

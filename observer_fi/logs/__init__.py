@@ -1,0 +1,37 @@
+"""Files and lines to logs, and logs to moves."""
+
+from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
+from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
+from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
+from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
+from observer_fi.logs.moves import Excitation, Phase, excitation, log_segments, phases, settling_time
+from observer_fi.logs.plain_lines import numbers
+from observer_fi.logs.units import suspect_units
+
+__all__ = [
+    "ABSENT",
+    "BrokenLineError",
+    "CHUNK_ROWS",
+    "Clock",
+    "ColumnMap",
+    "Excitation",
+    "PLAIN",
+    "Parser",
+    "Phase",
+    "Row",
+    "Splitter",
+    "excitation",
+    "lines_of",
+    "load_columns",
+    "log_from_frame",
+    "log_name",
+    "log_segments",
+    "numbers",
+    "open_log",
+    "phases",
+    "read_log",
+    "recover_command",
+    "settling_time",
+    "suspect_units",
+    "with_command",
+]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.physics.rigs import unknown_name
+from observer_fi.physics import unknown_name
 
 T = TypeVar("T")
 

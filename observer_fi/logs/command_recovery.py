@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
-from observer_fi.physics.rigs import Model
+from observer_fi.physics import Model
 from observer_fi.records import Array, Log
 
 BLOCK_S = 0.005

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.physics.rigs import Model
+from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
 QUIET_SPEED = 0.05  # rad/s: below this a command stands for rest

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.physics.rigs import Model
+from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
 FEWEST = 20  # samples at full speed that a mean needs

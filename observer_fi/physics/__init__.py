@@ -1,0 +1,90 @@
+"""The equations of the actuator, rigs, faults, effects, the command between samples, and the simulation."""
+
+from observer_fi.physics import equations, paper_residuals, rigs, simulation
+from observer_fi.physics.command import corners
+from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
+from observer_fi.physics.empirical_curve import (
+    ANGLES,
+    FRAME,
+    Curve,
+    curve_of,
+    is_curve,
+    is_possible,
+    parameters,
+    to_table,
+    value_names,
+)
+from observer_fi.physics.equations import INDEX, MOST_POINTS, NAMES, PARAMETERS, VMAX, D, J, applied_torque
+from observer_fi.physics.paper_residuals import sensor_std
+from observer_fi.physics.rigs import (
+    Model,
+    Quantity,
+    Rig,
+    coupling_loss,
+    load_rig,
+    override,
+    rig_toml,
+    unknown_name,
+    with_curve,
+    with_values,
+)
+from observer_fi.physics.scenario import (
+    FAULTS,
+    Fault,
+    Move,
+    Scenario,
+    Truth,
+    csv_bytes,
+    drawn_scenario,
+    synthesise,
+)
+from observer_fi.physics.trapezoid import quarters
+
+__all__ = [
+    "ANGLES",
+    "CAUSES",
+    "Cause",
+    "Curve",
+    "D",
+    "FAULTS",
+    "FRAME",
+    "Fault",
+    "INDEX",
+    "J",
+    "MOST_POINTS",
+    "Model",
+    "Move",
+    "NAMES",
+    "PARAMETERS",
+    "Quantity",
+    "Rig",
+    "Scenario",
+    "Term",
+    "Truth",
+    "VMAX",
+    "Variant",
+    "applied_torque",
+    "corners",
+    "coupling_loss",
+    "csv_bytes",
+    "curve_of",
+    "drawn_scenario",
+    "equations",
+    "is_curve",
+    "is_possible",
+    "load_rig",
+    "override",
+    "paper_residuals",
+    "parameters",
+    "quarters",
+    "rig_toml",
+    "rigs",
+    "sensor_std",
+    "simulation",
+    "synthesise",
+    "to_table",
+    "unknown_name",
+    "value_names",
+    "with_curve",
+    "with_values",
+]

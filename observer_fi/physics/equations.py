@@ -15,8 +15,7 @@ which changes nothing for the others.
 
 import math
 
-from observer_fi.numerics.compile import inlined
-from observer_fi.numerics.rows import above, cos, exp, floor, larger, nothing, seldom, signed, sin, tanh
+from observer_fi.numerics import above, cos, exp, floor, inlined, larger, nothing, seldom, signed, sin, tanh
 
 # name: (unit, neutral value or None for the sixteen of Table 1 that every rig gives)
 PARAMETERS: dict[str, tuple[str, float | None]] = {

@@ -7,8 +7,20 @@ temperature, supply sag) move once a step. Backlash is a play between the screw 
 
 import math
 
-from observer_fi.numerics.compile import compiled, inlined, uncounted
-from observer_fi.numerics.rows import MOST, above, exp, larger, nothing, seldom, side_by_side, signed, some
+from observer_fi.numerics import (
+    MOST,
+    above,
+    compiled,
+    exp,
+    inlined,
+    larger,
+    nothing,
+    seldom,
+    side_by_side,
+    signed,
+    some,
+    uncounted,
+)
 from observer_fi.physics import equations as a
 from observer_fi.records import Array
 

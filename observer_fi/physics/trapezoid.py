@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from observer_fi.numerics.compile import compiled
+from observer_fi.numerics import compiled
 from observer_fi.records import Array
 
 

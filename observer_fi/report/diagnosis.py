@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.physics.rigs import Rig
+from observer_fi.physics import Rig
 from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.result_folder import write_folder

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from observer_fi.physics import Rig
 from observer_fi.physics import paper_residuals as residual
-from observer_fi.physics.rigs import Rig
 from observer_fi.records import Array, Event, Outcome, Traces
 from observer_fi.report.chart import INK, MUTED, Figure, Panel, padded
 

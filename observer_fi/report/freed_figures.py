@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer_fi.improve.smoothed_disturbance import DRAWN, BinnedDisturbance, Latent
+from observer_fi.improve import DRAWN, BinnedDisturbance, Latent
 from observer_fi.records import Array
 from observer_fi.report.chart import INK, Figure, Panel, padded
 from observer_fi.report.learning_figures import AFTER, BEFORE, LEFT, REGRESSORS, RIGHT, WIDTH

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from observer_fi.improve.inverse_ladder import Ladder
-from observer_fi.learn.inverse_dynamics import held_out
-from observer_fi.learn.inverse_motion import Motion
+from observer_fi.improve import Ladder
+from observer_fi.learn import Motion, held_out
 from observer_fi.records import Array
 from observer_fi.report.chart import MUTED, Figure, padded
 from observer_fi.report.learning_figures import AFTER, BEFORE, LEFT, MEASURED, RIGHT, WIDTH

@@ -4,14 +4,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from observer_fi.improve.inverse_improvement import extended, findings, refitted, to_json
-from observer_fi.improve.inverse_ladder import Ladder
-from observer_fi.improve.inverse_screening import Score
-from observer_fi.improve.inverse_vocabulary import Candidate
-from observer_fi.learn.inverse_columns import Sharing
-from observer_fi.learn.inverse_dynamics import Solution, held_out, relative
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Rig, rig_toml
+from observer_fi.improve import Candidate, Ladder, Score, extended, findings, inverse_json, inverse_refit
+from observer_fi.learn import Sharing, Solution, held_out, relative
+from observer_fi.physics import PARAMETERS, Rig, rig_toml
 from observer_fi.records import Fit, Parameter
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.inverse_figures import of_ladder
@@ -164,7 +159,7 @@ def refit_table(ladder: Ladder) -> str:
     """Parameters that only moved: those of the rig file that no finding speaks of."""
     D = ladder.rig.model["D"]
     rows = []
-    for p in refitted(ladder):
+    for p in inverse_refit(ladder):
         value, std, prior, unit = at_mass(p, D)
         rows.append((f"`{p.name}`", f"{rounded(value, std)} {unit}", f"{prior:.5g} {unit}"))
     return table(("refitted", "value", "rig file"), rows)
@@ -199,7 +194,7 @@ def scores_table(head: Sequence[str], scores: Mapping[str, Sequence[float]]) -> 
     return table(("model", *head), [(name, *(f"{v:.2f}" for v in row)) for name, row in scores.items()])
 
 
-def improve_headline(ladder: Ladder) -> str:
+def inverse_headline(ladder: Ladder) -> str:
     """One line: what the equations miss."""
     named = [f.cause.replace("_", " ") for f in findings(ladder)]
     if not named:
@@ -208,17 +203,17 @@ def improve_headline(ladder: Ladder) -> str:
     return f"The equations miss {', '.join(named)}{rest}"
 
 
-def improve_files(ladder: Ladder, name: str, logs: Sequence[str]) -> dict[str, str]:
+def inverse_files(ladder: Ladder, name: str, logs: Sequence[str]) -> dict[str, str]:
     """Everything that one improve report of a force-driven rig consists of, {file name: text}."""
     page = environment().get_template("improve_force.html")
     before, after = (relative(held_out(s), s.force) for s in (ladder.start, ladder.final))
     drawn = of_ladder(ladder)
     html = page.render(
-        ladder=ladder, figures=drawn, name=name, logs=logs, headline=improve_headline(ladder), findings=lines(ladder),
-        refit=refitted(ladder), detectable=detectable(ladder), before=before, after=after, versions=versions(),
+        ladder=ladder, figures=drawn, name=name, logs=logs, headline=inverse_headline(ladder), findings=lines(ladder),
+        refit=inverse_refit(ladder), detectable=detectable(ladder), before=before, after=after, versions=versions(),
     )  # fmt: skip
     return {
-        "improve.json": json_text(to_json(ladder)),
+        "improve.json": json_text(inverse_json(ladder)),
         "report.html": html,
         "rig.toml": rig_toml(extended(ladder, f"{ladder.rig.name}_extended")),
         **{f"{key}.svg": svg for key, svg in drawn.items()},

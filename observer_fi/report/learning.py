@@ -3,15 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from observer_fi.improve.diagnosis_gain import Worth
-from observer_fi.improve.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS
-from observer_fi.improve.improvement import Improvement, to_json
-from observer_fi.improve.smoothed_disturbance import Latent
-from observer_fi.logs.moves import Excitation
-from observer_fi.physics.effects import CAUSES
-from observer_fi.physics.empirical_curve import is_possible
-from observer_fi.physics.equations import PARAMETERS
-from observer_fi.physics.rigs import Rig, rig_toml
+from observer_fi.improve import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS, Improvement, Latent, Worth, to_json
+from observer_fi.logs import Excitation
+from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
 from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import freed_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, number, versions

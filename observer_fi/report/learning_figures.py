@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.improve.improvement import Improvement
-from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.unexplained import Smooth
-from observer_fi.physics.empirical_curve import Curve
+from observer_fi.improve import Improvement, Residuals, Smooth
+from observer_fi.physics import Curve
 from observer_fi.records import Array, Fit
 from observer_fi.report.chart import GRID, MUTED, Figure, padded
 

@@ -16,15 +16,13 @@ from typing import Any
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.columns import PLAIN, ColumnMap
-from observer_fi.logs.ingest import log_name
-from observer_fi.physics.rigs import Rig, rig_toml
+from observer_fi.logs import PLAIN, ColumnMap, log_name
+from observer_fi.physics import Rig, rig_toml
 from observer_fi.records import Outcome
+from observer_fi.report import clear_leftovers, colour_of, write_file, write_folder
 from observer_fi.report import diagnosis as report
-from observer_fi.report.diagnosis_figures import colour_of
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 from observer_fi.settings import Settings
-from observer_fi.verdict.diagnosis import diagnose
+from observer_fi.verdict import diagnose
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet", ".tdms", ".lvm")
 ENTRY = "fleet.json"  # in a log's folder: what its report was made from, and its row

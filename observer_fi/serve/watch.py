@@ -20,14 +20,22 @@ from typing import Any, TextIO
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.columns import PLAIN, ColumnMap
-from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
-from observer_fi.logs.plain_lines import numbers
-from observer_fi.physics.rigs import Rig
+from observer_fi.logs import (
+    PLAIN,
+    BrokenLineError,
+    Clock,
+    ColumnMap,
+    Parser,
+    Row,
+    Splitter,
+    lines_of,
+    numbers,
+)
+from observer_fi.physics import Rig
 from observer_fi.records import LABELS, Array, Estimate, Event
 from observer_fi.serve.live import Change, Live, table_of
 from observer_fi.settings import Settings
-from observer_fi.verdict.isolate import label_of
+from observer_fi.verdict import label_of
 
 SCHEMA = "observer-fi/watch/1"
 READ_BYTES = 1 << 16
@@ -375,8 +383,8 @@ def signals() -> Iterator[tuple[int, Callable[[], bool]]]:
 
 def run(args: Any, complain: Callable[[str], None]) -> int:
     """The command: 0, or 3 with --fail-on-fault after a fault."""
-    from observer_fi.logs.ingest import load_columns
-    from observer_fi.physics.rigs import load_rig
+    from observer_fi.logs import load_columns
+    from observer_fi.physics import load_rig
     from observer_fi.settings import load_settings
 
     if args.every < 0 or not args.heartbeat >= 0.0:

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.physics.rigs import Rig
-from observer_fi.physics.scenario import Scenario, Truth, drawn_scenario, synthesise
+from observer_fi.physics import Rig, Scenario, Truth, drawn_scenario, synthesise
 from observer_fi.records import Estimate, Isolation, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import scores

@@ -9,13 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.bank.hypotheses import Hypothesis
-from observer_fi.logs.columns import ColumnMap
-from observer_fi.logs.ingest import CHUNK_ROWS, log_name, open_log, read_log
-from observer_fi.logs.moves import log_segments
-from observer_fi.logs.units import suspect_units
-from observer_fi.physics.rigs import Rig
+from observer_fi.logs import CHUNK_ROWS, ColumnMap, log_name, log_segments, open_log, read_log, suspect_units
+from observer_fi.physics import Rig
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
@@ -40,7 +37,7 @@ class AnyBank(Protocol):
 def make_bank(rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf") -> AnyBank:
     """The bank of an engine: "compiled" or, for comparison, "filterpy"; filter_kind "ekf" or "ukf"."""
     if engine == "filterpy":
-        from observer_fi.bank.filterpy_bank import FilterpyBank  # filterpy is slow to import
+        from observer_fi.bank import FilterpyBank  # filterpy is slow to import
 
         return FilterpyBank(rig, settings.bank, filter_kind=filter_kind)
     return kernels.Bank(rig, settings.bank, filter_kind=filter_kind)
@@ -74,7 +71,7 @@ def diagnose(
 
 def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
     """The whole log with the command that its data show, noted."""
-    from observer_fi.logs.command_recovery import recover_command
+    from observer_fi.logs import recover_command
 
     return recover_command(read_log(path, columns), rig.model)
 

@@ -1,6 +1,6 @@
 """Verdicts in words that a technician can act on."""
 
-from observer_fi.physics.rigs import Rig
+from observer_fi.physics import Rig
 from observer_fi.records import Event, Isolation, Log
 
 _WHAT = {

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.bank.log_feed import usual_step
+from observer_fi.bank import usual_step
 from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 

@@ -8,15 +8,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.bank import (
+    Bank,
+    Feed,
+    Hypothesis,
+    Memory,
+    arrays,
+    bank_rows,
+    memory_of,
+    put,
+    remembered,
+    scratch,
+    seats,
+    start,
+    tuning,
+)
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
-from observer_fi.bank.compiled_bank import Bank, Feed
-from observer_fi.bank.first_state import start
-from observer_fi.bank.hypotheses import Hypothesis, arrays
-from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.work_arrays import scratch
-from observer_fi.numerics.rows import MOST
-from observer_fi.physics.rigs import Rig
+from observer_fi.numerics import MOST
+from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
 

@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.numerics.compile import compiled
+from observer_fi.numerics import compiled
+from observer_fi.physics import Model, Rig, corners, coupling_loss, override, quarters, sensor_std
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as sim
-from observer_fi.physics.command import corners
-from observer_fi.physics.paper_residuals import sensor_std
-from observer_fi.physics.rigs import Model, Rig, coupling_loss, override
-from observer_fi.physics.trapezoid import quarters
 from observer_fi.records import Array, Estimate, Log
 
 MODES = ("nominal", "overload", "coupling_loss")

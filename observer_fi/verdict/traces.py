@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.physics import Rig
 from observer_fi.physics import paper_residuals as residuals
-from observer_fi.physics.rigs import Rig
 from observer_fi.records import Array, Estimate, Log, Traces
 
 BUCKETS = 600  # at most twice as many are held; each keeps up to six rows: the extremes of the three channels

@@ -7,7 +7,7 @@ import pytest
 from force_rig import COULOMB, MASS, TURN, D, Truth, log
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.inverse_improvement import extended, findings, to_json
+from observer_fi.improve.inverse_improvement import extended, findings, inverse_json
 from observer_fi.improve.inverse_ladder import name_causes
 from observer_fi.learn.inverse_checks import predict, tune
 from observer_fi.learn.inverse_columns import TERMS, Columns
@@ -21,10 +21,10 @@ from observer_fi.learn.inverse_dynamics import (
     solve,
     structure_of,
 )
-from observer_fi.learn.inverse_motion import low_passed, prepare, sensor_noise
+from observer_fi.learn.inverse_motion import low_passed, prepare_motion, sensor_noise
 from observer_fi.physics.rigs import Quantity, Rig, load_rig, rig_toml
 from observer_fi.records import Log
-from observer_fi.report.inverse_learning import improve_files, improve_headline
+from observer_fi.report.inverse_learning import inverse_files, inverse_headline
 
 DRAG = 150.0
 VISCOUS = {
@@ -45,7 +45,7 @@ def rig(**quantities: Quantity) -> Rig:
 
 
 def named(truth: Truth, own: Rig, seed: int = 1) -> tuple[list[str], object]:
-    ladder = name_causes(own, [prepare(log(truth, seed=seed))])
+    ladder = name_causes(own, [prepare_motion(log(truth, seed=seed))])
     return [f.cause for f in findings(ladder)], ladder
 
 
@@ -66,7 +66,7 @@ def named(truth: Truth, own: Rig, seed: int = 1) -> tuple[list[str], object]:
     ],
 )
 def test_column_is_textbook(term, textbook):
-    motion = prepare(log(Truth(), 5.0))
+    motion = prepare_motion(log(Truth(), 5.0))
     shapes = {"stribeck_speed": 30.0, "shaft_order": 2.0}
     got = Columns(rig()).term(motion, TERMS[term], shapes)
     want = low_passed(textbook(motion), motion)
@@ -74,7 +74,7 @@ def test_column_is_textbook(term, textbook):
 
 
 def test_delay_shifts_the_force_and_lag_is_a_delay_of_its_time_constant():
-    motion = prepare(log(Truth(), 5.0))
+    motion = prepare_motion(log(Truth(), 5.0))
     columns = Columns(rig())
     late = columns.force(motion, {"input_delay": 2e-3})
     lagged = columns.force(motion, {"current_lag": 2e-3})
@@ -87,7 +87,7 @@ def test_delay_shifts_the_force_and_lag_is_a_delay_of_its_time_constant():
 
 
 def test_low_pass_keeps_constants_and_the_last_sample():
-    motion = prepare(log(Truth(), 5.0))
+    motion = prepare_motion(log(Truth(), 5.0))
     assert np.allclose(
         low_passed(np.ones(motion.x.size), motion), 10 ** (-0.05 / 10), rtol=1e-6
     )  # twice -0.05 dB / 2
@@ -103,7 +103,7 @@ def test_sensor_noise_is_found():
 
 
 def test_held_out_equals_fits_without_the_part():
-    motion = prepare(log(Truth(DRAG, DRAG), 20.0))
+    motion = prepare_motion(log(Truth(DRAG, DRAG), 20.0))
     columns = Columns(rig(**VISCOUS))
     solution = solve(columns, [motion], structure_of(columns.rig, [motion]))
     seen = held_out(solution)
@@ -183,7 +183,7 @@ def test_gaps_and_masked_samples_do_no_harm():
 def test_two_logs_may_differ_in_friction():
     logs = [log(Truth(DRAG, DRAG), seed=4), replace(log(Truth(DRAG, DRAG), seed=5))]
     logs[1] = replace(logs[1], force=logs[1].force + 2.0 * np.sign(np.gradient(logs[1].z[:, 2])))
-    motions = [prepare(one) for one in logs]
+    motions = [prepare_motion(one) for one in logs]
     own = rig(**VISCOUS)
     solution = solve(Columns(own), motions, structure_of(own, motions))
     level = {c.log: th / D for c, th in zip(solution.coefficients, solution.theta, strict=True) if c.log}
@@ -277,7 +277,7 @@ def test_extended_rig_is_complete_and_needs_nothing_more(tmp_path):
 
 
 def test_json_has_the_shape_of_the_contract():
-    result = to_json(name_causes(rig(), [prepare(log(Truth(DRAG, DRAG)))]))
+    result = inverse_json(name_causes(rig(), [prepare_motion(log(Truth(DRAG, DRAG)))]))
     assert list(result) == ["schema", "baseline", "refit", "findings", "unexplained", "extended"]
     assert result["schema"] == "observer-fi/improve/1"
     for part in ("baseline", "extended"):
@@ -296,19 +296,19 @@ def test_json_has_the_shape_of_the_contract():
 
 def test_the_same_logs_give_the_same_result():
     logs: list[Log] = [log(Truth(DRAG, 210.0))]
-    ladder = name_causes(rig(), [prepare(logs[0])])
-    assert to_json(ladder) == to_json(name_causes(rig(), [prepare(one) for one in logs]))
+    ladder = name_causes(rig(), [prepare_motion(logs[0])])
+    assert inverse_json(ladder) == inverse_json(name_causes(rig(), [prepare_motion(one) for one in logs]))
 
 
 def test_files_of_the_command():
-    ladder = name_causes(rig(), [prepare(log(Truth(DRAG, DRAG)))])
-    files = improve_files(ladder, "bench", ["bench.csv"])
+    ladder = name_causes(rig(), [prepare_motion(log(Truth(DRAG, DRAG)))])
+    files = inverse_files(ladder, "bench", ["bench.csv"])
     assert set(files) == {"improve.json", "report.html", "rig.toml", "ladder.svg", "force.svg", "curves.svg"}
     assert "The equations miss viscous friction" in files["report.html"]
-    assert improve_files(ladder, "bench", ["bench.csv"]) == files
-    nothing = name_causes(rig(**VISCOUS), [prepare(log(Truth(DRAG, DRAG)))])
-    assert improve_headline(nothing) == "Nothing with a name is missing"
-    assert "load_friction: not detectable here" in improve_files(nothing, "bench", [])["report.html"]
+    assert inverse_files(ladder, "bench", ["bench.csv"]) == files
+    nothing = name_causes(rig(**VISCOUS), [prepare_motion(log(Truth(DRAG, DRAG)))])
+    assert inverse_headline(nothing) == "Nothing with a name is missing"
+    assert "load_friction: not detectable here" in inverse_files(nothing, "bench", [])["report.html"]
 
 
 # --- forward ---
@@ -316,7 +316,7 @@ def test_files_of_the_command():
 
 def test_observer_gains_from_the_right_model():
     one = log(Truth(DRAG, 210.0, noise=2e-8), 8.0)
-    motion = prepare(one)
+    motion = prepare_motion(one)
     right = rig(viscous_positive=Quantity(1e-6, "N m s/rad"), viscous_negative=Quantity(2e-6, "N m s/rad"))
     scores = []
     for own in (rig(), right):
@@ -328,7 +328,7 @@ def test_observer_gains_from_the_right_model():
 
 
 def test_structure_holds_only_what_the_rig_gives():
-    motion = prepare(log(Truth(), 5.0))
+    motion = prepare_motion(log(Truth(), 5.0))
     plain = structure_of(rig(), [motion])
     assert isinstance(plain, Structure)
     assert [t.name for t in plain.terms] == ["J", "A"]

@@ -14,7 +14,7 @@ from observer_fi.improve.inverse_improvement import findings
 from observer_fi.improve.inverse_ladder import name_causes
 from observer_fi.learn.inverse_columns import Columns
 from observer_fi.learn.inverse_dynamics import identify_force, relative, residual_on, solve, structure_of
-from observer_fi.learn.inverse_motion import InverseSettings, prepare
+from observer_fi.learn.inverse_motion import InverseSettings, prepare_motion
 from observer_fi.logs.ingest import read_log
 from observer_fi.physics.rigs import load_rig
 from pipelines import convert_emps, emps, identify_emps, improve_emps
@@ -110,7 +110,7 @@ def test_symmetric_parameters_within_one_per_cent(logs):
 )
 def test_force_residuals(logs, packaged, learned, frozen):
     rig = load_rig(packaged)
-    motions = [prepare(log, AS_PUBLISHED) for log in logs]
+    motions = [prepare_motion(log, AS_PUBLISHED) for log in logs]
     columns = Columns(rig)
     solution = solve(columns, motions[:1], structure_of(rig, motions[:1]))
     for motion, (low, high) in zip(motions, (learned, frozen), strict=True):
@@ -139,7 +139,7 @@ def report(recorded_data, tmp_path_factory) -> Path:
 
 
 def test_extended_model_beats_every_published_one_by_a_fifth(logs):
-    learn, pulses = (prepare(log) for log in logs)
+    learn, pulses = (prepare_motion(log) for log in logs)
     training = (learn, pulses.between(-np.inf, improve_emps.HALF_S - improve_emps.GUARD_S))
     rivals = improve_emps.baselines(learn, training)
     ladder = name_causes(load_rig("emps"), training)
@@ -155,7 +155,7 @@ def test_extended_model_beats_every_published_one_by_a_fifth(logs):
 
 def test_the_judged_half_is_never_learned_from(logs):
     """Scrambling the judged half changes nothing that is found."""
-    learn, pulses = (prepare(log) for log in logs)
+    learn, pulses = (prepare_motion(log) for log in logs)
     motion = pulses.between(-np.inf, improve_emps.HALF_S - improve_emps.GUARD_S)
     assert motion.t[motion.use].max() < improve_emps.HALF_S - improve_emps.GUARD_S
     columns = Columns(load_rig("emps_published"))
@@ -175,5 +175,5 @@ def test_report_and_packaged_rig_agree(report):
 
 
 def test_nothing_more_is_named_from_the_extended_rig(logs):
-    ladder = name_causes(load_rig("emps_extended"), [prepare(logs[0])])
+    ladder = name_causes(load_rig("emps_extended"), [prepare_motion(logs[0])])
     assert not ladder.rungs

@@ -14,7 +14,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from observer_fi.cli.main import main
+from observer_fi.cli.commands import main
 from observer_fi.errors import UsageError
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise

@@ -11,7 +11,7 @@ import pytest
 from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
-from observer_fi.cli.main import COMMANDS, main
+from observer_fi.cli.commands import COMMANDS, main
 from observer_fi.cli.options import BUG, FAULT, OK, USAGE, folder_names
 from observer_fi.physics.rigs import load_rig
 
@@ -200,13 +200,14 @@ def test_the_process_as_a_user_runs_it(tmp_path: Path) -> None:
 
 
 def test_starting_up_imports_nothing_heavy() -> None:
-    code = "import sys, observer_fi.cli.main; print([m for m in ('numpy', 'numba', 'pandas') if m in sys.modules])"
+    code = "import sys, observer_fi.cli.commands; print([m for m in ('numpy', 'numba', 'pandas') if m in sys.modules])"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert ran.stdout.strip() == "[]"
 
 
 def test_a_bug_is_exit_1(tmp_path: Path) -> None:
-    code = "import sys, observer_fi.cli.main as c; c.COMMANDS['compare'] = c.COMMANDS['compare']._replace(run=lambda a: 1 / 0)"
+    broken = "c.COMMANDS['compare'] = c.COMMANDS['compare']._replace(run=lambda a: 1 / 0)"
+    code = f"import sys, observer_fi.cli.commands as c; {broken}"
     ran = subprocess.run(
         [sys.executable, "-c", f"{code}; sys.exit(c.main(['compare']))"],
         capture_output=True,
