@@ -1,6 +1,6 @@
 """The hidden truth: a simulator that shares no code with the package, for tests that must find the answer."""
 
-from .cases import draw_effect_case, draw_effects_case, draw_move_case
+from .cases import SEVERITY_KINDS, draw_effect_case, draw_effects_case, draw_move_case, draw_severity_case
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
 from .faults import NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
 from .profiles import Move, Profile, campaign, contact_campaign, rich_campaign, single_move, there_and_back
@@ -13,6 +13,7 @@ __all__ = [
     "CAUSES",
     "NO_FAULT",
     "OUTSIDE",
+    "SEVERITY_KINDS",
     "SENSOR_SIZES",
     "TABLE_1",
     "UNKNOWN_SIZES",
@@ -30,6 +31,7 @@ __all__ = [
     "draw_move_case",
     "draw_rest_integral",
     "draw_rig",
+    "draw_severity_case",
     "effect",
     "make_log",
     "rich_campaign",

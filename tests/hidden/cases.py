@@ -7,7 +7,7 @@ import numpy as np
 from .effects import ALL, sized_effect
 from .faults import CHANNELS, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
 from .profiles import Profile, contact_campaign, rich_campaign, single_move
-from .rig import draw_rest_integral, draw_rig
+from .rig import TABLE_1, draw_rest_integral, draw_rig
 from .truth import TruthSpec
 
 TRANSIENT_S = 0.25  # the start transient of section 3 of the paper
@@ -73,3 +73,72 @@ def _draw_fault(rng: np.random.Generator, label: str, profile: Profile) -> Fault
     if label == "unknown":
         return Fault(label, onset, str(rng.choice(list(UNKNOWN_SIZES))))
     return Fault(label, onset)
+
+
+SEVERITIES = {
+    "stiffness": (8.5, 1700.0),  # N m/m^2, log-uniform: a tenth to twenty times Table 1
+    "share": (0.1, 0.95),
+    "drag": (0.3, 1.3),  # of what a decoupled motor feels
+    "inertia": (0.3, 1.3),
+    "slip": (0.05, 0.9),  # log-uniform, of the travel
+    "jam": (0.1, 3.0),  # log-uniform, by how many times friction rises
+    "duration_s": (0.05, 2.0),  # log-uniform
+    "growth_s": (0.5, 3.0),
+}
+SEVERITY_KINDS = (
+    "overload",
+    "coupling_loss",
+    "slip",
+    "jam",
+    "coupling_for_a_while",
+    "slip_growing",
+    "jam_growing",
+)
+
+
+def draw_severity_case(seed: int, kind: str, profile: Profile | None = None) -> TruthSpec:
+    """One move with a fault of any size. kind: of SEVERITY_KINDS, or "nominal".
+
+    Rig and move as in `draw_move_case`; the fault begins while the motor runs, and has at least 0.4 s of the move left.
+    """
+    rng = np.random.default_rng([seed, 7])
+    rig = draw_rig(rng)
+    rig = replace(
+        rig,
+        C=_log_uniform(rng, *SEVERITIES["stiffness"]),
+        E=rng.uniform(*SEVERITIES["share"]),
+        A_loose=TABLE_1.A_loose * rng.uniform(*SEVERITIES["drag"]),
+        J_loose=rig.J * rng.uniform(*SEVERITIES["inertia"]),
+    )
+    pitch = rng.uniform(-12.0, 12.0)
+    drawn = single_move(
+        speed=rng.choice([-1.0, 1.0]) * rng.uniform(205.0, 410.0),
+        hold_s=rng.uniform(2.5, 5.0),
+        pitch_deg=pitch,
+        pitch_wave_deg=rng.uniform(0.0, 0.4),
+        pitch_wave_phase=rng.uniform(0.0, 2 * np.pi),
+    )
+    move = drawn.moves[0]
+    onset = move.start_s + rng.uniform(0.3, move.hold_s - 0.4)
+    fault = _sized_fault(rng, kind, onset)
+    return TruthSpec(profile or drawn, rig, fault, start_integral_rad=draw_rest_integral(rng, rig, pitch))
+
+
+def _sized_fault(rng: np.random.Generator, kind: str, onset: float) -> Fault:
+    growth = rng.uniform(*SEVERITIES["growth_s"])
+    for_a_while = _log_uniform(rng, *SEVERITIES["duration_s"])
+    slip, jam = _log_uniform(rng, *SEVERITIES["slip"]), _log_uniform(rng, *SEVERITIES["jam"])
+    return {
+        "nominal": NO_FAULT,
+        "overload": Fault("overload", onset),
+        "coupling_loss": Fault("coupling_loss", onset),
+        "slip": Fault("slip", onset, size=slip),
+        "jam": Fault("jam", onset, size=jam),
+        "coupling_for_a_while": Fault("coupling_loss", onset, duration_s=for_a_while),
+        "slip_growing": Fault("slip", onset, size=slip, growth_s=growth),
+        "jam_growing": Fault("jam", onset, size=jam, growth_s=growth),
+    }[kind]
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

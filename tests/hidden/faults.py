@@ -7,7 +7,7 @@ import numpy as np
 from .plant import Plant
 from .rig import Rig
 
-LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
+LABELS = ("nominal", "overload", "coupling_loss", "slip", "jam", "sensor_fault", "unknown")
 CHANNELS = ("voltage", "current", "position")
 
 # Default size of each sensor fault: V, A, m for a bias; the same a second for a drift; a factor for the rest.
@@ -31,12 +31,16 @@ UNKNOWN_SIZES = {
 }
 
 
+DEFAULT_SIZES = {"slip": 0.5, "jam": 1.0}
+
+
 @dataclass(frozen=True)
 class Fault:
     """One fault. label: of LABELS; onset_s on the log's clock.
 
     kind: for "sensor_fault" one of SENSOR_SIZES, with channel of CHANNELS; for "unknown" of UNKNOWN_SIZES.
-    size: as in those tables, None = theirs. duration_s: of a sensor fault; the others stay.
+    size: as in those tables, None = theirs; of a slip the share of the travel that is lost, of a jam by how many times its
+    friction rises. duration_s: how long it lasts. growth_s: over what time a slip or a jam reaches its size.
     """
 
     label: str = "nominal"
@@ -45,6 +49,7 @@ class Fault:
     channel: str | None = None
     size: float | None = None
     duration_s: float = np.inf
+    growth_s: float = 0.0
 
     def __post_init__(self):
         kinds = {"sensor_fault": tuple(SENSOR_SIZES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
@@ -52,6 +57,8 @@ class Fault:
             raise ValueError(f"{self.label!r} of kind {self.kind!r}: labels are {LABELS}, kinds {kinds}")
         if (self.label == "nominal") != (self.onset_s is None):
             raise ValueError("a fault needs an onset, and no fault has none")
+        if self.growth_s and self.label not in DEFAULT_SIZES:
+            raise ValueError(f"{self.label!r} does not grow: {', '.join(DEFAULT_SIZES)} do")
         if (self.label == "sensor_fault") != (self.channel in CHANNELS):
             raise ValueError(
                 f"channel {self.channel!r}: a sensor fault has one of {CHANNELS}, others have none"
@@ -63,6 +70,8 @@ class Fault:
             return self.size
         if self.label == "sensor_fault":
             return SENSOR_SIZES[self.kind][self.channel]
+        if self.label in DEFAULT_SIZES:
+            return DEFAULT_SIZES[self.label]
         return UNKNOWN_SIZES.get(self.kind, 0.0)
 
 
@@ -75,6 +84,10 @@ def faulty_plant(plant: Plant, rig: Rig, fault: Fault, direction: float) -> Plan
         return plant._replace(stop_here=direction)
     if fault.label == "coupling_loss":
         return _decoupled(plant, rig)
+    if fault.label == "slip":
+        return plant._replace(slip=fault.magnitude, slip_start=fault.onset_s, slip_time=fault.growth_s)
+    if fault.label == "jam":
+        return plant._replace(jam=fault.magnitude, jam_start=fault.onset_s, jam_time=fault.growth_s)
     if fault.label == "unknown":
         return _unknown(plant, fault)
     return plant

@@ -75,6 +75,12 @@ class Plant(NamedTuple):
     shake_amplitude: float = 0.0
     shake_hz: float = 3.0
     shake_start: float = 0.0
+    jam: float = 0.0  # friction becomes this many times more than it was, over jam_time from jam_start on
+    jam_start: float = 0.0
+    jam_time: float = 0.0
+    slip: float = 0.0  # share of the travel that the nut loses, over slip_time from slip_start on
+    slip_start: float = 0.0
+    slip_time: float = 0.0
     stop_here: float = 0.0  # +1 or -1: when this plant takes over, that stop is where the mass is
 
 
@@ -132,6 +138,14 @@ def load_torque(p, t, x, w, angle, pitch, contact):
 
 
 @njit(cache=True)
+def grown(since, time):
+    """Share of a fault that grows over `time` [s], `since` seconds after it began: 0 to 1."""
+    if since < 0.0:
+        return 0.0
+    return 1.0 if since >= time else since / time
+
+
+@njit(cache=True)
 def friction_torque(p, t, x, w, direction, pitch, contact, power):
     """Magnitude of the torque that opposes motion in `direction` [N m], never negative."""
     friction = p.A * (1.0 + p.asymmetry * direction) + p.friction_gradient * x
@@ -144,6 +158,8 @@ def friction_torque(p, t, x, w, direction, pitch, contact, power):
         friction += p.A * p.gravity_cosine * (np.cos(np.radians(pitch)) - 1.0)
     if p.warmup != 0.0:
         friction += p.A * p.warmup * np.exp(-t / p.warmup_time)
+    if p.jam != 0.0:
+        friction *= 1.0 + p.jam * grown(t - p.jam_start, p.jam_time)
     friction += p.pitch_speed * (pitch * w) ** 2 + p.power_torque * abs(power)
     return max(0.0, friction)
 
@@ -205,6 +221,8 @@ def advance(p, stops, supply, t, h, body, pitch, heat):
         if h <= 0.0 or (w == 0.0 and abs(drive) <= p.static_ratio * friction):
             break
         carry = p.D * (1.0 - min(0.9, p.slip_per_torque * abs(load + way * friction)))
+        if p.slip != 0.0:
+            carry *= 1.0 - p.slip * grown(t - p.slip_start, p.slip_time)
         w_mid = w + 0.5 * h * (drive - way * friction) / p.J
         w_mid = way * max(0.0, way * w_mid)
         angle_mid = angle + 0.25 * h * (w + w_mid)
@@ -225,15 +243,16 @@ def advance(p, stops, supply, t, h, body, pitch, heat):
 
 
 @njit(cache=True)
-def run(before, after, switch_step, servo, command, pitch, step_s, steps_per_tick, record_every, start):
+def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, record_every, start):
     """Integrate and record. start = (x, I), at rest. Returns the rows of Motion and the final stops.
 
-    command: rad/s per servo tick; pitch: deg per step. `after` replaces `before` at `switch_step`, if >= 0.
+    command: rad/s per servo tick; pitch: deg per step. plants: one after the other, each from its switch_steps on.
     The servo ticks half a tick after time zero, so a logged current is half a tick old.
     """
     steps, h, tick_s = pitch.size, step_s, steps_per_tick * step_s
     out = np.empty(((steps + record_every - 1) // record_every, 8))
-    p, stops = before, (before.stop_low, before.stop_high)
+    before, p, phase = plants[0], plants[0], 0
+    stops = (before.stop_low, before.stop_high)
     body = (start[0], 0.0, 0.0, before.play * before.play_start)
     integral = start[1]
     asked = wanted = servo.Ki * integral
@@ -243,8 +262,9 @@ def run(before, after, switch_step, servo, command, pitch, step_s, steps_per_tic
     for k in range(steps):
         t = k * h
         x, w, angle, gap = body
-        if k == switch_step:
-            p = after
+        while phase + 1 < len(plants) and k >= switch_steps[phase + 1]:
+            phase += 1
+            p = plants[phase]
             stops = (x if p.stop_here < 0.0 else p.stop_low, x if p.stop_here > 0.0 else p.stop_high)
         if k % steps_per_tick == steps_per_tick // 2:
             w_command, w_seen, speed_seen = command[k // steps_per_tick], w, w

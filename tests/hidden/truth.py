@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from .effects import ALL, Effect, fields_of
-from .faults import NO_FAULT, Fault, faulty_plant
+from .faults import DEFAULT_SIZES, NO_FAULT, Fault, faulty_plant
 from .plant import Motion, Plant, Servo, run
 from .profiles import Profile, campaign, command_at, pitch_at
 from .rig import SCREW_RAD_PER_MOTOR_RAD, TABLE_1, Rig
@@ -22,15 +22,16 @@ from .sensors import ENCODER_EDGES_PER_TURN, Logger, Sensors, needs_history, rec
 class TruthSpec:
     """All that decides a log but its noise.
 
-    start_m: mass position at t = 0; start_integral_rad: the servo's error integral I then, which holds it.
-    static_ratio: break-away friction over sliding friction. servo_hz: rate of the PI servo; servo_encoder: it
-    sees quadrature steps instead of the exact speed. substep_hz: integration steps a second, a multiple of
-    2 * servo_hz and of the log's rate.
+    then: a fault of the plant that comes later, on top. start_m: mass position at t = 0; start_integral_rad: the
+    servo's error integral I then, which holds it. static_ratio: break-away friction over sliding friction. servo_hz:
+    rate of the PI servo; servo_encoder: it sees quadrature steps instead of the exact speed. substep_hz: integration
+    steps a second, a multiple of 2 * servo_hz and of the log's rate.
     """
 
     profile: Profile = campaign()
     rig: Rig = TABLE_1
     fault: Fault = NO_FAULT
+    then: Fault = NO_FAULT
     effects: tuple[Effect, ...] = ()
     logger: Logger = Logger()
     start_m: float = 0.0
@@ -96,16 +97,10 @@ def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]
     if per_tick % 2:
         raise ValueError(f"substep_hz {spec.substep_hz} must be an even multiple of servo_hz {spec.servo_hz}")
     steps = (sample_times(spec).size - 1) * per_sample + 1
-    plant = _plant(spec)
-    switch = -1
-    after = plant
-    if spec.fault.onset_s is not None:
-        switch = int(round(spec.fault.onset_s * spec.substep_hz))
-        after = faulty_plant(plant, spec.rig, spec.fault, _direction_at(spec, spec.fault.onset_s))
+    plants, switches = _phases(spec)
     rows, low, high = run(
-        plant,
-        after,
-        switch,
+        plants,
+        switches,
         _servo(spec),
         _servo_command(spec, steps // per_tick + 1),
         pitch_at(spec.profile, np.arange(steps) * step),
@@ -115,6 +110,26 @@ def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]
         (spec.start_m, spec.start_integral_rad),
     )
     return Motion(*rows.T.copy()), (low, high)
+
+
+def _phases(spec: TruthSpec) -> tuple[tuple[Plant, ...], np.ndarray]:
+    """The plants that follow one another, as many in every log (numba compiles once), and the step from which each counts."""
+    never = np.iinfo(np.int64).max
+    plant = _plant(spec)
+    plants, switches = [plant], [0]
+    for fault in (spec.fault, spec.then):
+        begin = end = never
+        after = plants[-1]
+        if fault.onset_s is not None:
+            begin = int(round(fault.onset_s * spec.substep_hz))
+            after = faulty_plant(after, spec.rig, fault, _direction_at(spec, fault.onset_s))
+        if fault.onset_s is not None and np.isfinite(fault.duration_s) and fault.label != "sensor_fault":
+            end = int(round((fault.onset_s + fault.duration_s) * spec.substep_hz))
+        healed = plants[-1] if end < never else after
+        plants += [after, healed]
+        switches += [begin, end]
+    order = np.argsort(switches, kind="stable")
+    return tuple(plants[k] for k in order), np.array(switches, dtype=np.int64)[order]
 
 
 def _plant(spec: TruthSpec) -> Plant:
@@ -158,7 +173,10 @@ def _truth(spec: TruthSpec, seed: int, stops: tuple[float, float]) -> dict:
         "channel": fault.channel,
         "onset_s": fault.onset_s,
         "kind": fault.kind or None,
-        "size": fault.magnitude if fault.kind else None,
+        "size": fault.magnitude if fault.kind or fault.label in DEFAULT_SIZES else None,
+        "end_s": fault.onset_s + fault.duration_s if np.isfinite(fault.duration_s) else None,
+        "growth_s": fault.growth_s,
+        "then": {"label": spec.then.label, "onset_s": spec.then.onset_s},
         "contact_m": stops[0 if _direction_at(spec, fault.onset_s) < 0 else 1] if hit else None,
         "stops_m": list(stops),
         "effects": [_effect_truth(item) for item in spec.effects],
