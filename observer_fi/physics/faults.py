@@ -50,7 +50,7 @@ class FaultRow:
     shows. states: those it adds. heals: it can be over within a move. rare: seldom, next to the others, and where most
     moves of a log show it the model is to blame. open_loop: the paper's mixture knows it. by_channel: one hypothesis a
     channel, which that hypothesis does not believe. made_by: kinds of synthetic fault of which it is the right verdict.
-    rank: order of faults in a fleet, 0 the most severe.
+    rank: order of faults in a fleet, the least is the most severe.
 
     title: on a page. words: beside a curve and in a sentence. happened, action: sentences for a technician. alike:
     sentences on what looks the same, by channel or None. caveat: a sentence that depends on the plant, or "". colours:
@@ -147,7 +147,7 @@ FAULTS = table(
         open_loop=True,
         by_channel=False,
         made_by={"none": Injection()},
-        rank=4,
+        rank=50,
         title="No fault",
         words="no fault",
         happened="The actuator behaved as its model says.",
@@ -166,7 +166,7 @@ FAULTS = table(
         open_loop=True,
         by_channel=False,
         made_by={"overload": Injection(("x_stop_high", "x_stop_low"))},
-        rank=1,
+        rank=20,
         title="Overload",
         words="overload",
         happened="The mass pressed against an obstacle or a travel limit: current rose while the mass moved at "
@@ -186,7 +186,7 @@ FAULTS = table(
         open_loop=True,
         by_channel=False,
         made_by={"coupling_loss": Injection(("coupling",), 0.0)},
-        rank=0,
+        rank=10,
         title="Coupling loss",
         words="coupling loss",
         happened="The motor turned without moving the mass: the coupling between lead screw and nut has let go.",
@@ -213,7 +213,7 @@ FAULTS = table(
             "winding": Injection(("Rm",), 26.0),
             "supply": Injection(("Vmax",), 8.5),
         },
-        rank=3,
+        rank=40,
         title="Unknown fault",
         words="none of these",
         happened="Something went wrong that is none of the known faults.",
@@ -239,7 +239,7 @@ FAULTS = table(
             "sensor_noise": Injection(sizes=(0.2, 6e-3, 2e-4)),
             "sensor_dropout": Injection(),
         },
-        rank=2,
+        rank=30,
         title="Sensor fault",
         words="{channel} sensor",
         happened="The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
