@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CHANNELS = ("voltage", "current", "position")
-LABELS = ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
 
 
 class Gap(NamedTuple):

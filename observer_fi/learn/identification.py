@@ -80,11 +80,11 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse.py`'s.
     """
-    if rig.drive == "force":
+    if not rig.driven.motor:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
-    if rig.drive != "pi_servo":
+    if not rig.driven.servo:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
     steps, start = closed_form_start(material, rig.model)

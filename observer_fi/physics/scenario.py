@@ -15,32 +15,11 @@ import numpy as np
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import simulation as sim
-from observer_fi.physics.rigs import Model, Rig, coupling_loss, override, unknown_name
+from observer_fi.physics.faults import FAULT_KINDS, NOMINAL, FaultRow, broken
+from observer_fi.physics.rigs import Model, Rig, override, unknown_name
 from observer_fi.physics.trapezoid import quarters
 from observer_fi.records import CHANNELS, Array, Log
 
-SENSOR_FAULTS = (
-    "sensor_frozen",
-    "sensor_offset",
-    "sensor_drift",
-    "sensor_gain",
-    "sensor_noise",
-    "sensor_dropout",
-)
-# A fault outside the bank is a parameter that changes: name, how much of what it was or what it becomes.
-CHANGES = {
-    "slip": ("slip", 0.5),
-    "friction": ("torque_offset", 4e-4),
-    "winding": ("Rm", 26.0),
-    "supply": ("Vmax", 8.5),
-}
-FAULTS = ("none", "overload", "coupling_loss", *SENSOR_FAULTS, *CHANGES)
-SIZES = {  # by channel: what makes a sensor fault plain without being absurd
-    "sensor_offset": (0.5, 5e-3, 3e-4),
-    "sensor_drift": (0.5, 5e-3, 3e-4),
-    "sensor_gain": (0.1, 0.25, 0.25),
-    "sensor_noise": (0.2, 6e-3, 2e-4),
-}
 MOST_SAMPLES = 1e8
 _LEAST = 0.2  # of a value: a spread never turns a sign
 
@@ -55,7 +34,7 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong and when [s]. channel of a sensor fault; size in SI units, None for the usual one."""
+    """What goes wrong (a kind of `FAULT_KINDS`) and when [s]. channel of a sensor fault; size in SI units, None for the usual."""
 
     kind: str = "none"
     at_s: float = 0.0
@@ -65,11 +44,17 @@ class Fault:
     @property
     def label(self) -> str:
         """Label of the right verdict."""
-        if self.kind == "none":
-            return "nominal"
-        if self.kind in SENSOR_FAULTS:
-            return "sensor_fault"
-        return self.kind if self.kind in ("overload", "coupling_loss") else "unknown"
+        return self.row.label
+
+    @property
+    def row(self) -> FaultRow:
+        """The right verdict."""
+        return FAULT_KINDS[self.kind]
+
+    @property
+    def changes_plant(self) -> bool:
+        """Whether the actuator is another from then on; a failed sensor only shows another."""
+        return bool(self.row.made_by[self.kind].parameters)
 
 
 @dataclass(frozen=True)
@@ -105,13 +90,13 @@ class Truth:
 def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[Log, Truth]:
     """The log of a scenario, and its truth. Raises UsageError for a fault, channel or effect that does not exist."""
     _check(scenario)
-    if not rig.has_servo:
+    if not rig.driven.servo:
         raise UsageError(
             f'rig {rig.name!r} has drive = "{rig.drive}": a synthetic log needs the servo, drive = "pi_servo"'
         )
     rng = np.random.default_rng(scenario.seed)
     drawn = _drawn(rig, rng) if scenario.spread else {}
-    plant = override(rig.model, "nominal", **{**drawn, **scenario.effects})
+    plant = override(rig.model, NOMINAL, **{**drawn, **scenario.effects})
     t = np.arange(round(scenario.seconds * scenario.rate_hz)) / scenario.rate_hz
     knots, values = command(scenario.moves, plant["accel_cmd"], float(t[-1]))
     clean = _run(t, knots, values, scenario, plant)
@@ -122,16 +107,16 @@ def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[L
         name, t, z, w_cmd, np.full(t.size, scenario.pitch_deg), metadata=(f"synthetic, seed {scenario.seed}",)
     )
     fault = scenario.fault
-    faulty = fault.kind != "none"
+    faulty = fault.label != NOMINAL
     changed = {k: plant[k] for k in (*drawn, *scenario.effects)}
     return log, Truth(fault.label, fault.channel, fault.at_s if faulty else None, scenario, changed)
 
 
 def _check(scenario: Scenario) -> None:
     fault = scenario.fault
-    if fault.kind not in FAULTS:
-        raise unknown_name(fault.kind, FAULTS, "fault")
-    if (fault.kind in SENSOR_FAULTS) != (fault.channel is not None):
+    if fault.kind not in FAULT_KINDS:
+        raise unknown_name(fault.kind, tuple(FAULT_KINDS), "fault")
+    if fault.row.by_channel != (fault.channel is not None):
         raise UsageError(
             f"fault {fault.kind}: a channel is for sensor faults, and they need one ({', '.join(CHANNELS)})"
         )
@@ -142,7 +127,7 @@ def _check(scenario: Scenario) -> None:
             f"a log of {scenario.seconds} s at {scenario.rate_hz} samples/s: 2 to {MOST_SAMPLES:.0e} "
             f"samples, please"
         )
-    if fault.kind != "none" and not 0.0 <= fault.at_s <= scenario.seconds:
+    if fault.label != NOMINAL and not 0.0 <= fault.at_s <= scenario.seconds:
         raise UsageError(f"the fault at {fault.at_s} s is outside the log of {scenario.seconds} s")
     values = (scenario.pitch_deg, fault.size or 0.0, *(number for move in scenario.moves for number in move))
     if not np.isfinite(values).all() or not 0.0 <= scenario.noise < np.inf:
@@ -190,7 +175,7 @@ def _run(t: Array, knots: Array, values: Array, scenario: Scenario, plant: Model
     """(n, 3) readings without noise: the plant until the fault, the changed plant from its state on."""
     fault = scenario.fault
     start = np.zeros(len(sim.STATES))
-    if fault.kind in ("none", *SENSOR_FAULTS):
+    if not fault.changes_plant:
         return _readings(t, knots, values, scenario.pitch_deg, plant, start)[0]
     before, after = t[t < fault.at_s], t[t >= fault.at_s]
     until = np.append(before, fault.at_s)
@@ -198,21 +183,11 @@ def _run(t: Array, knots: Array, values: Array, scenario: Scenario, plant: Model
     state = states[-1, : len(sim.STATES)]
     commanded = np.append(values[knots > fault.at_s], 0.0)
     ahead = float(commanded[np.flatnonzero(commanded)[0]]) if commanded.any() else 1.0
-    broken = _broken(plant, fault, state, float(state[sim.W]) or ahead)
+    forwards = (float(state[sim.W]) or ahead) > 0.0  # as it moves, or will be told to
+    changed = broken(plant, fault.kind, float(state[sim.X]), forwards, fault.size)
     on = np.union1d([fault.at_s], after)  # the fault may fall on a sample
-    second = _readings(on, knots, values, scenario.pitch_deg, broken, state)[0]
+    second = _readings(on, knots, values, scenario.pitch_deg, changed, state)[0]
     return np.vstack((first[:-1], second[on.size - after.size :]))
-
-
-def _broken(plant: Model, fault: Fault, state: Array, direction: float) -> Model:
-    """The plant from the fault on; direction: in which it moves, or will be told to."""
-    if fault.kind == "coupling_loss":
-        return coupling_loss(plant)
-    if fault.kind == "overload":
-        stop = "x_stop_high" if direction > 0.0 else "x_stop_low"
-        return override(plant, "overload", **{stop: float(state[sim.X])})
-    name, value = CHANGES[fault.kind]
-    return override(plant, fault.kind, **{name: value if fault.size is None else fault.size})
 
 
 def _readings(
@@ -230,18 +205,17 @@ def _readings(
     theta = np.full(t.size, pitch)
     sim.run(t, now, behind, np.ones(t.size, dtype=np.bool_), theta, p, start, states)
     sim.readings(t, states, p, y)
-    if model["voltage_offset"]:
-        y[:, 0] += model["voltage_offset"]
     return y, states
 
 
 def _break_sensor(t: Array, z: Array, fault: Fault, rng: np.random.Generator) -> None:
     """The sensor fault, in place."""
-    if fault.kind not in SENSOR_FAULTS or fault.channel is None:
+    if fault.channel is None:
         return
     c = CHANNELS.index(fault.channel)
     bad = t >= fault.at_s
-    size = fault.size if fault.size is not None else SIZES.get(fault.kind, (0.0, 0.0, 0.0))[c]
+    sizes = fault.row.made_by[fault.kind].sizes
+    size = fault.size if fault.size is not None else (sizes[c] if sizes else 0.0)
     if fault.kind == "sensor_frozen":
         z[bad, c] = z[np.flatnonzero(~bad)[-1], c] if not bad.all() else z[0, c]
     elif fault.kind == "sensor_offset":
@@ -262,7 +236,7 @@ def drawn_scenario(rng: np.random.Generator, label: str, transient: bool, seed: 
     seconds = float(rng.uniform(1.5, 2.5))
     start = float(rng.uniform(0.2, 0.4))
     after = rng.uniform(0.004, 0.24) if transient else rng.uniform(0.35, seconds - 0.6)
-    fault = Fault() if label == "nominal" else Fault(label, start + float(after))
+    fault = Fault() if label == NOMINAL else Fault(label, start + float(after))
     pitch = float(rng.uniform(-12.0, 12.0))
     return Scenario(
         (Move(start, speed, seconds),), start + seconds + 0.4, 1600.0, pitch, fault, {}, True, 1.0, seed

@@ -1,10 +1,11 @@
 """Records to pages, figures and JSON. Computes nothing."""
 
+from observer_fi.physics import FAULTS, OPEN_LOOP, colour_of, words_of
 from observer_fi.report import diagnosis, inverse_learning
 from observer_fi.report.chart import Figure, padded
 from observer_fi.report.comparison_page import page, table
 from observer_fi.report.diagnosis import environment, json_text, versions
-from observer_fi.report.diagnosis_figures import COLOURS, MEASURED, MIXTURE, WORDS, colour_of
+from observer_fi.report.diagnosis_figures import MEASURED
 from observer_fi.report.inverse_learning import fit_table, inverse_files, inverse_headline, scores_table
 from observer_fi.report.learning import (
     identify_files,
@@ -14,6 +15,9 @@ from observer_fi.report.learning import (
     improve_json,
 )
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
+
+_MODES = [mode for row in FAULTS.values() for mode in row.modes]
+COLOURS, WORDS, MIXTURE = {m: colour_of(m) for m in _MODES}, {m: words_of(m) for m in _MODES}, OPEN_LOOP
 
 __all__ = [
     "COLOURS",

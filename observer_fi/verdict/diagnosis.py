@@ -12,12 +12,12 @@ import numpy as np
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.logs import CHUNK_ROWS, ColumnMap, log_name, log_segments, open_log, read_log, suspect_units
-from observer_fi.physics import Rig
+from observer_fi.physics import NOMINAL, Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
-from observer_fi.verdict.isolate import EventTracker, Isolator, Run, label_of, tested
+from observer_fi.verdict.isolate import EventTracker, Isolator, Run, tested
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 
@@ -207,12 +207,10 @@ class Diagnosis:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
         modes = self.isolator.modes
         for start, j in keys:
-            if label_of(modes[j]) == event.label and (
-                event.channel is None or modes[j].endswith(event.channel)
-            ):
+            if (label_of(modes[j]), channel_of(modes[j])) == (event.label, event.channel):
                 found = self.onsets[start, j][1]
                 return event._replace(onset_s=found.median, onset_interval_s=(found.low, found.high))
-        if event.label != "nominal" and event.detected_s is not None:
+        if event.label != NOMINAL and event.detected_s is not None:
             return event._replace(
                 onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s)
             )
@@ -287,7 +285,7 @@ class Baseline:
 
     def add(self, log: Log, e: Estimate, detected_s: float | None) -> None:
         """Take the next chunk and the bank's estimate of it."""
-        if not self.rig.has_servo:
+        if not self.rig.driven.servo:
             return  # nothing to run open loop
         if self.mixture is None and detected_s is not None:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
