@@ -106,8 +106,23 @@ class Estimate:
         return replace(self, **arrays)
 
 
+class Severity(NamedTuple):
+    """How severe a fault is in one respect: name, value with its 95 % interval, unit, and the same in words."""
+
+    name: str
+    value: float
+    interval: tuple[float, float]
+    unit: str
+    words: str
+
+
 class Event(NamedTuple):
-    """The verdict on one move: label, channel for a sensor fault, probability, and the times of contract section 3."""
+    """The verdict on one move: label, channel for a sensor fault, probability, and the times of contract section 3.
+
+    start_s, end_s: of the move. over_s: when a fault that came for a while was over. severity: what the whole move says of the
+    fault's own constants; alike: labels that it cannot tell from the verdict. doubted_s: when another hypothesis was first
+    certain for a moment, whatever the verdict.
+    """
 
     label: str
     channel: str | None
@@ -120,6 +135,10 @@ class Event(NamedTuple):
     end_s: float
     posterior: dict[str, float]
     reasons: tuple[str, ...] = ()
+    over_s: float | None = None
+    severity: tuple[Severity, ...] = ()
+    alike: tuple[str, ...] = ()
+    doubted_s: float | None = None
 
 
 class Consistency(NamedTuple):

@@ -64,6 +64,11 @@ class DecisionSettings:
     # A fault that came and went is still one if it was certain for this long, and nominal was this far off: times its
     # expected NIS over window_s. Healthy rigs off by 3 % in five constants show at most 2.6 in a start.
     latch_s: float = 0.1
+    # So long a fault must have been certain for the whole move to be asked about it.
+    doubt_s: float = 0.01
+    # Nats over nominal that a fault of the whole move must have, and the probability from which another label is as good.
+    move_nats: float = 30.0
+    alike: float = 0.05
     latch_nis: float = 4.0
     window_s: float = 0.1
     nis_limit: float = 2.0  # times the expected value

@@ -5,7 +5,7 @@ from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seat
 from observer_fi.bank.compiled_bank import Bank, Feed
 from observer_fi.bank.filterpy_bank import FilterpyBank
 from observer_fi.bank.first_state import start
-from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
+from observer_fi.bank.hypotheses import Hypothesis, arrays, bank, of_a_move
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
 from observer_fi.bank.work_arrays import scratch
@@ -24,6 +24,7 @@ __all__ = [
     "lanes",
     "log_feed",
     "memory_of",
+    "of_a_move",
     "put",
     "remembered",
     "scratch",

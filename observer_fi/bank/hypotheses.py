@@ -37,13 +37,17 @@ _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """name; label of the verdict; the model; names of its states; channel (0, 1, 2) it does not believe, or -1."""
+    """name; label of the verdict; the model; names of its states; channel (0, 1, 2) it does not believe, or -1.
+
+    own: what its fault says of the states that it adds.
+    """
 
     name: str
     label: str
     model: Model
     states: tuple[str, ...]
     failed: int = -1
+    own: tuple[OwnState, ...] = ()
 
     @property
     def kinds(self) -> np.ndarray:
@@ -62,21 +66,31 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
             "identify and improve take such a rig"
         )
     plant = override(rig.model, NOMINAL, **rig.driven.plant)
-    rows = [row for row in FAULTS.values() if _in_bank(row, settings)]
-    return tuple(h for row in rows for h in _hypotheses(row, plant, rig, settings))
+    rows = [row for row in FAULTS.values() if row.live and _wanted(row, settings)]
+    return tuple(h for row in rows for h in _hypotheses(row, row.states, plant, rig, settings))
 
 
-def _in_bank(row: FaultRow, settings: BankSettings) -> bool:
+def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
+    """What a whole move is compared with: every row of `FAULTS`, at any severity."""
+    plant = override(rig.model, NOMINAL, **rig.driven.plant)
+    rows = [row for row in FAULTS.values() if _wanted(row, settings)]
+    return tuple(h for row in rows for h in _hypotheses(row, row.sizes, plant, rig, settings))
+
+
+def _wanted(row: FaultRow, settings: BankSettings) -> bool:
     return settings.sensors if row.by_channel else settings.unknown if row.label == UNKNOWN else True
 
 
-def _hypotheses(row: FaultRow, plant: Model, rig: Rig, settings: BankSettings) -> list[Hypothesis]:
+def _hypotheses(
+    row: FaultRow, added: tuple[OwnState, ...], plant: Model, rig: Rig, settings: BankSettings
+) -> list[Hypothesis]:
     """Those of a fault, with the states that the rig's spread asks for."""
     constants = (*rig.driven.in_doubt, *(name for name in row.shares if rig.spread(name) > 0.0))
-    own = [s.name for s in row.states if s.std is not None or (settings.augment and rig.spread(s.name) > 0.0)]
-    states = (*MOTION, *(constants if settings.augment else ()), *own)
-    model = faulty(plant, row.label)
-    return [Hypothesis(mode, row.label, model, states, _channel(mode)) for mode in row.modes]
+    own = [s for s in added if s.std is not None or (settings.augment and rig.spread(s.name) > 0.0)]
+    states = (*MOTION, *(constants if settings.augment else ()), *(s.name for s in own))
+    absolute = {s.name: s.mean for s in own if s.absolute}  # what a factor of 1 then is
+    model = override(faulty(plant, row.label), row.label, **absolute)
+    return [Hypothesis(mode, row.label, model, states, _channel(mode), tuple(own)) for mode in row.modes]
 
 
 def _channel(mode: str) -> int:
@@ -146,8 +160,7 @@ def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
 
 def _own(h: Hypothesis, state: str) -> OwnState | None:
     """What the fault of a hypothesis says of a state that it adds; None where the state is not its own."""
-    states = FAULTS[h.label].states if h.label in FAULTS else ()
-    return next((s for s in states if s.name == state), None)
+    return next((s for s in h.own if s.name == state), None)
 
 
 def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
@@ -156,7 +169,15 @@ def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> tuple
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
     own, spread = _own(h, state), settings.doubt.get(state, rig.spread(state))
     mean, usual = (own.mean, own.std) if own else (float(state in INDEX), None)
-    return mean, settings.entry_std.get(state, spread if usual is None else usual) ** 2
+    unit = _unit(own, rig)
+    return mean * unit, settings.entry_std.get(state, spread if usual is None else usual * unit) ** 2
+
+
+def _unit(own: OwnState | None, rig: Rig) -> float:
+    """What turns the numbers of a fault's state into those of the filters."""
+    if own is None:
+        return 1.0
+    return 1.0 / own.mean if own.absolute else rig.model["A"] if own.of_friction else 1.0
 
 
 def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> float:
@@ -164,7 +185,7 @@ def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> f
     if state == "I" and not rig.driven.servo:
         return (settings.free_current / h.model["Ki"]) ** 2
     own = _own(h, state)
-    growth = own.growth if own else settings.wander.get(state, 0.0)
+    growth = own.growth * _unit(own, rig) if own else settings.wander.get(state, 0.0)
     return settings.diffusion.get(state, growth) ** 2
 
 

@@ -31,11 +31,12 @@ STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
 
 # A layout (LAYOUT,) says where in the state each kind stands: an index per kind, or -1. Beside it stands `has`
 # (LAYOUT,), 1.0 where there is such a state: in rows, hypotheses of other states may use the same place.
-AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J = range(10)
-LAYOUT = 10
+AT_D, AT_TORQUE, AT_SUPPLY, AT_RATE, AT_A, AT_B, AT_LOOSE, AT_C, AT_E, AT_J, AT_LOOSE_J = range(11)
+LAYOUT = 11
 _LOOKED_UP = {
     AT_D: D_STATE, AT_TORQUE: TORQUE, AT_SUPPLY: SCALE + a.VMAX, AT_RATE: RATE, AT_A: SCALE + a.A, AT_B: SCALE + a.B,
     AT_LOOSE: SCALE + a.A_DECOUPLED, AT_C: SCALE + a.C, AT_E: SCALE + a.E, AT_J: SCALE + a.J,
+    AT_LOOSE_J: SCALE + a.J_DECOUPLED,
 }  # fmt: skip
 
 
@@ -66,7 +67,7 @@ def load_parameters(x, at, has, base, p):
     p[a.VMAX] = base[a.VMAX] * held(x, at, has, AT_SUPPLY, 1.0)
     factor = held(x, at, has, AT_J, 1.0)
     p[a.J] = base[a.J] * factor
-    p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor
+    p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor * held(x, at, has, AT_LOOSE_J, 1.0)
 
 
 @inlined
@@ -264,6 +265,9 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
         _set_slope(g, 0, at, has, AT_LOOSE, -(1.0 - p[a.COUPLING]) * s * base[a.A_DECOUPLED] * per_J)
     if at[AT_J] >= 0:
         _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / held(x, at, has, AT_J, 1.0))
+    if at[AT_LOOSE_J] >= 0:
+        slope = -(1.0 - p[a.COUPLING]) * (p[a.KM] * i - load) * per_J
+        _set_slope(g, 0, at, has, AT_LOOSE_J, slope / held(x, at, has, AT_LOOSE_J, 1.0))
     if at[AT_D] >= 0:
         _set_slope(g, 0, at, has, AT_D, -2.0 * p[a.C] * abs(d) * per_J)
     if at[AT_C] >= 0:

@@ -5,6 +5,7 @@ explanation says of it. A fault is also the hypotheses of a bank: one, or for a 
 called "sensor:voltage" and so on.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -21,13 +22,22 @@ class OwnState(NamedTuple):
 
     name: a parameter of the equations, as a factor of its value, or d (indentation of a stop [m]), torque [N m], rate [m/s].
     mean and std when the fault is entered; std None: the rig's own spread, and no state where a rig has none. growth:
-    of the standard deviation per square root of a second.
+    of the standard deviation per square root of a second. of_friction: torque as a share of the rig's friction.
+
+    tells: what the constant is called where it says how severe a fault is, and words: the same in a sentence, of its value.
+    absolute: in its own unit and not as a share of what the rig file gives. low, high: what is believable of it.
     """
 
     name: str
     mean: float
     std: float | None
     growth: float
+    tells: str = ""
+    words: str = ""
+    absolute: bool = False
+    of_friction: bool = False
+    low: float = -math.inf
+    high: float = math.inf
 
 
 class Injection(NamedTuple):
@@ -47,8 +57,9 @@ class FaultRow:
     """One verdict.
 
     label: in report.json. plant: what it changes of the parameters. shares: constants of the healthy plant that it still
-    shows. states: those it adds. heals: it can be over within a move. rare: seldom, next to the others, and where most
-    moves of a log show it the model is to blame. open_loop: the paper's mixture knows it. by_channel: one hypothesis a
+    shows. states: those it adds in a bank, none of it where `live` is False. sizes: the same where a whole move is at hand,
+    wide enough for a fault of any severity. heals: it can be over within a move. rare: seldom, next to the others, and where
+    most moves of a log show it the model is to blame. open_loop: the paper's mixture knows it. by_channel: one hypothesis a
     channel, which that hypothesis does not believe. made_by: kinds of synthetic fault of which it is the right verdict.
     rank: order of faults in a fleet, the least is the most severe.
 
@@ -61,6 +72,8 @@ class FaultRow:
     plant: Mapping[str, float]
     shares: tuple[str, ...]
     states: tuple[OwnState, ...]
+    sizes: tuple[OwnState, ...]
+    live: bool
     heals: bool
     rare: bool
     open_loop: bool
@@ -134,6 +147,7 @@ def _same_current(plant: Model) -> str:
 
 
 _FRICTION_AND_GRAVITY = ("A", "B")
+_LOST = "the mass loses {:.0%} of its travel"
 
 # Colours are Okabe and Ito's, which people of every colour vision tell apart.
 FAULTS = table(
@@ -142,6 +156,8 @@ FAULTS = table(
         plant={},
         shares=_FRICTION_AND_GRAVITY,
         states=(),
+        sizes=(),
+        live=True,
         heals=False,
         rare=False,
         open_loop=True,
@@ -161,6 +177,12 @@ FAULTS = table(
         plant={"contact": 1.0},  # equations 10 and 11: the mass presses against a stop
         shares=_FRICTION_AND_GRAVITY,
         states=(OwnState("d", 0.0, 2e-6, 0.0), OwnState("C", 1.0, None, 0.0), OwnState("E", 1.0, None, 0.0)),
+        sizes=(  # from obstacle to obstacle they differ by decades
+            OwnState("d", 0.0, 2e-6, 0.0),
+            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.0),
+            OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
+        ),
+        live=True,
         heals=True,  # the mass can leave an obstacle
         rare=False,
         open_loop=True,
@@ -181,6 +203,21 @@ FAULTS = table(
         plant={"coupling": 0.0},  # equations 12 and 13: the motor turns without the mass
         shares=(),
         states=(OwnState("A_decoupled", 1.0, None, 0.0),),
+        sizes=(
+            OwnState(
+                "A_decoupled", 0.9, 0.4, 0.0, "drag", "what is left of the friction is {:.3g} N m", low=0.05
+            ),
+            OwnState(
+                "J_decoupled",
+                0.9,
+                0.35,
+                0.0,
+                "inertia",
+                "what is left of the inertia is {:.3g} kg m^2",
+                low=0.05,
+            ),
+        ),
+        live=True,
         heals=False,
         rare=False,
         open_loop=True,
@@ -196,6 +233,50 @@ FAULTS = table(
         colours=("#009e73",),
     ),
     FaultRow(
+        label="slip",
+        plant={"contact": 1.0, "C": 0.0},  # the mass moves as in contact, and meets nothing
+        shares=_FRICTION_AND_GRAVITY,
+        states=(),
+        sizes=(OwnState("E", 0.5, 0.4, 0.1, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
+        live=False,
+        heals=False,
+        rare=False,
+        open_loop=False,
+        by_channel=False,
+        made_by={"slip": Injection(("slip",), 0.5)},
+        rank=12,
+        title="Slip",
+        words="slip",
+        happened="The mass followed the motor only in part, without meeting more resistance: the nut or the coupling slipped.",
+        action="Stop the move; check the nut, the setscrew and the coupling for wear and for oil where none belongs.",
+        alike={None: "A soft obstacle looks the same until the current rises."},
+        caveat=_nothing,
+        colours=("#cc79a7",),
+    ),
+    FaultRow(
+        label="jam",
+        plant={},
+        shares=_FRICTION_AND_GRAVITY,
+        states=(),
+        sizes=(
+            OwnState("torque", 0.0, 1.0, 0.05, "friction_rise", "friction is up by {:.0%}", of_friction=True),
+        ),
+        live=False,
+        heals=False,
+        rare=False,
+        open_loop=False,
+        by_channel=False,
+        made_by={"friction": Injection(("torque_offset",), 4e-4)},
+        rank=15,
+        title="Jam",
+        words="jam",
+        happened="Friction rose while the mass kept following the motor: the mechanics turn harder than they did.",
+        action="Look for dirt, dry grease or a bent screw before moving on, and measure the friction again.",
+        alike={None: "A load along the axis that nobody logged looks the same in moves of one direction."},
+        caveat=_nothing,
+        colours=("#56b4e9",),
+    ),
+    FaultRow(
         label=UNKNOWN,
         plant={},
         shares=(),
@@ -203,13 +284,13 @@ FAULTS = table(
             OwnState("torque", 0.0, 5e-4, 2e-4),
             OwnState("rate", 0.0, 1e-3, 5e-4),
         ),  # a load and a slip at will
+        sizes=(OwnState("torque", 0.0, 5e-4, 2e-4), OwnState("rate", 0.0, 1e-3, 5e-4)),
+        live=True,
         heals=False,
         rare=True,
         open_loop=False,
         by_channel=False,
         made_by={
-            "slip": Injection(("slip",), 0.5),
-            "friction": Injection(("torque_offset",), 4e-4),
             "winding": Injection(("Rm",), 26.0),
             "supply": Injection(("Vmax",), 8.5),
         },
@@ -227,6 +308,8 @@ FAULTS = table(
         plant={},
         shares=_FRICTION_AND_GRAVITY,
         states=(),
+        sizes=(),
+        live=True,
         heals=False,
         rare=True,
         open_loop=False,

@@ -17,7 +17,8 @@ from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
-from observer_fi.verdict.isolate import EventTracker, Isolator, Run, tested
+from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
+from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 
@@ -124,6 +125,8 @@ class Diagnosis:
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.isolator = Isolator(modes, settings.decision)
         self.onsets: dict[tuple[float, int], Any] = {}
+        self.last_word = LastWord(rig, self.filters, settings.decision)
+        self.told: dict[float, Event] = {}  # what whole moves said, by their start
         self.overview, self.zoom = sketch.Overview(), Zoom()
         self.baseline = Baseline(rig, settings)
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
@@ -166,12 +169,19 @@ class Diagnosis:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         for tracker in self.isolator.add(estimate):
             self._look_for_onsets(tracker)
+        self._ask_moves(self.isolator.events)
         judged = tested(estimate, self.settings.decision)
         rows_of = partial(sketch.rows, log, judged, self.rig)
         self.overview.add(log.z, rows_of)
         self.zoom.add(log.t, rows_of, self._point_of_interest(estimate))
         detected = self.detected_at if self.detected_at is not None else self._first_detection()
         self.baseline.add(log, estimate, detected)
+
+    def _ask_moves(self, events: Iterable[Event]) -> None:
+        """The last word on moves that have ended, while their samples are at hand."""
+        for event in events:
+            if event.start_s not in self.told and self.last_word.needed(event):
+                self.told[event.start_s] = self.last_word.on(event, self.memory)
 
     def _look_for_onsets(self, tracker: EventTracker) -> None:
         """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""
@@ -203,6 +213,11 @@ class Diagnosis:
             times += [run.detected for j, run in {**tracker.latched, **tracker.certain}.items() if j != 0]
         return min(times) if times else None
 
+    def _finished(self, event: Event) -> Event:
+        """An event with what its whole move says, or with its onset."""
+        told = self.told.get(event.start_s, event)
+        return told if told.label != event.label else self._with_onset(event)
+
     def _with_onset(self, event: Event) -> Event:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
         modes = self.isolator.modes
@@ -219,11 +234,9 @@ class Diagnosis:
     def outcome(self, name: str, facts: dict[str, Any]) -> Outcome:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
-        events = tuple(self._with_onset(e) for e in found.events)
-        verdict = next(
-            (b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict
-        )
-        isolation = Isolation(verdict, events, found.consistency)
+        self._ask_moves(found.events[-1:])
+        events = [self._finished(e) for e in found.events]
+        isolation = Isolation(log_verdict(events), tuple(events), found.consistency)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)

@@ -88,6 +88,7 @@ class EventTracker:
         self.certain: dict[int, Run] = {}
         self.latched: dict[int, Run] = {}
         self.doubted = np.nan
+        self.first_doubt: float | None = None
         self.final: Array | None = None
         self.ratios = np.empty(0)
         self.nominal_ratios = np.empty(0)
@@ -148,11 +149,17 @@ class EventTracker:
 
     def _close(self, j: int, now: float) -> None:
         run = self.certain.pop(j, None)
+        self._doubt(j, run, now)
         if run is None or j in self.latched or now - run.since < self.settings.latch_s:
             return
         heals = FAULTS[label_of(self.modes[j])].heals  # nominal is entered from it, and so fits all the time
         if heals or self.not_nominal >= run.since:
             self.latched[j] = run
+
+    def _doubt(self, j: int, run: Run | None, now: float) -> None:
+        """Keep when a fault was first certain for a moment, though it may have come to nothing."""
+        if j and run is not None and self.first_doubt is None and now - run.since >= self.settings.doubt_s:
+            self.first_doubt = run.detected
 
     def _doubted_before(self, k: int, t: Array, nominal: Mask) -> float:
         """First sample after nominal was last more likely than not, up to sample k."""
@@ -291,6 +298,7 @@ class EventTracker:
         return Event(
             label_of(mode), channel_of(mode), posterior[label_of(mode)], None, (None, None),
             run.detected if fault and run else None, run.since if run else None, self.start_s, self.end_s, posterior, reasons,
+            doubted_s=self.first_doubt,
         )  # fmt: skip
 
 

@@ -4,9 +4,11 @@ Uses samples after tau (smoothing). With a flat prior over tau the likelihoods o
 its median and its 95 % interval are what a report states.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.bank import (
     Bank,
@@ -29,6 +31,7 @@ from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
 
+ROOM = 1600  # samples that filters take at once
 STRIDE = 4  # samples between the taus of the first pass
 
 
@@ -67,7 +70,10 @@ class _SideBySide:
         return memory_of(self.state, 0, self.seats)
 
     def density(self, w: Feed, first: int, last: int) -> Array:
-        """Log-densities of samples first:last, (last - first, count), a step of all filters."""
+        """Log-densities of samples first:last, (last - first, count), a step of all filters; of any number of samples a copy."""
+        if last - first > self.room:
+            middle = [*range(first, last, self.room), last]
+            return np.concatenate([self.density(w, a, b).copy() for a, b in itertools.pairwise(middle)])
         out = self.out.cut(0, last - first)
         feed = w.cut(first, last)._replace(active=self.still[: last - first])
         kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
@@ -90,26 +96,48 @@ class Filters:
         return found
 
 
-class _Entry:
-    """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior."""
+class Entry:
+    """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior, or from `known`.
+
+    known: what `kept` remembered of states that the source does not have, nominal's friction while the coupling was lost.
+    """
 
     def __init__(
-        self, source: Hypothesis, target: Hypothesis, f: _SideBySide, settings: BankSettings
+        self,
+        source: Hypothesis,
+        target: Hypothesis,
+        filters: Filters,
+        known: tuple[Hypothesis, Memory] | None = None,
     ) -> None:
+        f = filters.of(target, 1, ROOM)
         n, (mean, var) = len(target.states), f.prior
         self.x, self.P, self.bias = mean[:n].copy(), np.diag(var[:n]), np.zeros(2)
         if target.failed >= 0:
-            self.bias[1] = settings.bias_entry**2 * f.noise[target.failed]
-        shared = [state for state in target.states if state in source.states]
-        self.to = np.array([target.states.index(state) for state in shared])
-        self.at = np.array([source.states.index(state) for state in shared])
+            self.bias[1] = filters.settings.bias_entry**2 * f.noise[target.failed]
+        if known is not None:
+            self._fill(target, *known, [s for s in known[0].states if s not in source.states])
+        self.to, self.at = _places(target, source, list(source.states))
 
-    def __call__(self, nominal: Memory) -> Memory:
+    def _fill(self, target: Hypothesis, kept: Hypothesis, memory: Memory, states: list[str]) -> None:
+        to, at = _places(target, kept, states)
+        self.x[to] = memory.x[at]
+        self.P[to[:, None], to] = memory.P[at[:, None], at]
+
+    def __call__(self, source: Memory) -> Memory:
         """The target's memory from the source's."""
         x, P = self.x.copy(), self.P.copy()
-        x[self.to] = nominal.x[self.at]
-        P[self.to[:, None], self.to] = nominal.P[self.at[:, None], self.at]
-        return nominal._replace(x=x, P=P, bias=self.bias)
+        x[self.to] = source.x[self.at]
+        P[self.to[:, None], self.to] = source.P[self.at[:, None], self.at]
+        return source._replace(x=x, P=P, bias=self.bias)
+
+
+def _places(
+    target: Hypothesis, source: Hypothesis, states: list[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where target and source have those of the states that both have."""
+    both = [state for state in target.states if state in source.states and state in states]
+    to = np.array([target.states.index(s) for s in both], dtype=np.int64)
+    return to, np.array([source.states.index(s) for s in both], dtype=np.int64)
 
 
 class _Scores:
@@ -121,7 +149,7 @@ class _Scores:
         n = window.t.size
         self.window, self.n = window, n
         self.own, self.others = filters.of(nominal, 1, n), filters.of(fault, MOST, n)
-        self.entry = _Entry(nominal, fault, self.others, filters.settings)
+        self.entry = Entry(nominal, fault, filters)
         self.memories, self.until = [start], [0.0]
         self.own.begin(start)
         for k in range(0, n, STRIDE):

@@ -1,0 +1,169 @@
+"""What a whole move says: nominal until a fault begins, the fault until it ends or the move does.
+
+The bank is the fast first word and the only one of a stream; this is the last one where the move is at hand. A path is
+a hypothesis with its begin and end; its gain over nominal is the difference of the log-likelihoods of every sample of the
+move, less the price of each change at an unknown time. Filters that run side by side try many begins and ends at once.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import Feed, Hypothesis, Memory
+from observer_fi.numerics import MOST
+from observer_fi.records import Array
+from observer_fi.verdict.onset import ROOM, Entry, Filters
+
+STRIDE = 16  # samples between the memories that are kept of a filter
+CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
+TRIALS = 16  # begins that a first look tries
+LOOKS = (
+    200,
+    1600,
+)  # samples after a begin by which a fault that comes for a while shows; beside them the whole move
+LEFT = 32  # samples of the move that a fault must have
+KEPT = 5  # hypotheses of each look that are followed to the end
+
+
+class Path(NamedTuple):
+    """One way in which a move may have gone. begin, end: samples of the window, end None where it lasted to the last.
+
+    gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended.
+    """
+
+    hypothesis: Hypothesis
+    begin: int
+    end: int | None
+    gain: float
+    memory: Memory
+
+
+class WholeMove:
+    """A move as samples from the rest before it to its last one under way.
+
+    hypotheses: those of the bank, nominal first. memory: of nominal before the window's first sample.
+    """
+
+    def __init__(
+        self, hypotheses: Sequence[Hypothesis], window: Feed, memory: Memory, filters: Filters
+    ) -> None:
+        self.nominal, self.faults = hypotheses[0], tuple(hypotheses[1:])
+        self.window, self.n, self.filters = window, window.t.size, filters
+        self.memories, density = self._follow(self.nominal, memory, 0)
+        self.until = np.concatenate(([0.0], np.cumsum(density)))
+
+    def paths(self, first: int, last: int) -> list[Path]:
+        """The best paths whose fault begins between two samples, the most likely first."""
+        begins = self._promising(max(first, 0), min(last, self.n - LEFT))
+        found = [path for h, begin in begins for path in self._ends(h, self._refined(h, begin))]
+        return sorted(found, key=lambda path: -path.gain)
+
+    def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int]]:
+        """Hypotheses and begins that some look finds good; one of each within a stride."""
+        chosen: dict[tuple[str, int], tuple[Hypothesis, int]] = {}
+        if last <= first:
+            return []
+        for look in (*LOOKS, self.n):
+            seen = [(*self._best_begin(h, first, last, look), h) for h in self.faults]
+            for gain, begin, h in sorted(seen, key=lambda item: -item[0])[:KEPT]:
+                if gain > 0.0:
+                    chosen.setdefault((h.name, begin // STRIDE), (h, begin))
+        return list(chosen.values())
+
+    def _best_begin(self, h: Hypothesis, first: int, last: int, look: int) -> tuple[float, int]:
+        """Gain over the next `look` samples, and the begin that has it, to a stride."""
+        low, step = first // STRIDE * STRIDE, max(STRIDE, (last - first) // TRIALS // STRIDE * STRIDE)
+        gains = self._gains(h, range(low, last + 1, step), look)
+        best = max(gains, key=lambda k: gains[k])
+        while step > STRIDE:
+            around, step = step, max(STRIDE, step // 4 // STRIDE * STRIDE)
+            begins = range(max(best - around, low), min(best + around, last) + 1, step)
+            gains |= self._gains(h, [k for k in begins if k not in gains], look)
+            best = max(gains, key=lambda k: gains[k])
+        return gains[best], best
+
+    def _refined(self, h: Hypothesis, begin: int) -> int:
+        """The begin to a sample: all are judged up to the same sample."""
+        for around, step in ((4 * STRIDE, 8), (8, 1)):
+            near = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
+            gains = self._gains(h, near, LOOKS[0], begin + around + LOOKS[0])
+            begin = max(gains, key=lambda k: gains[k])
+        return begin
+
+    def _gains(
+        self, h: Hypothesis, begins: Iterable[int], look: int, stop: int | None = None
+    ) -> dict[int, float]:
+        """Nats over nominal of entering h at each begin, in the `look` samples after it or up to the sample `stop`."""
+        enter = Entry(self.nominal, h, self.filters)
+        entered = {k: enter(self._nominal_at(k)) for k in begins}
+        stops = {k: min(k + look if stop is None else stop, self.n) for k in entered}
+        out = self._together(h, entered, stops)
+        return {k: v - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
+
+    def _nominal_at(self, k: int) -> Memory:
+        """What nominal remembers before sample k."""
+        memory, extra = self.memories[k // STRIDE], k % STRIDE
+        if not extra:
+            return memory
+        alone = self.filters.of(self.nominal, 1, ROOM)
+        alone.begin(memory)
+        alone.density(self.window, k - extra, k)
+        return alone.memory()
+
+    def _together(self, h: Hypothesis, entered: dict[int, Memory], stops: dict[int, int]) -> dict[int, float]:
+        """Log-likelihood of the samples from each entry to its stop: MOST filters side by side, which join one by one."""
+        out: dict[int, float] = {}
+        samples = sorted(entered)
+        side_by_side = self.filters.of(h, MOST, ROOM)
+        for at in range(0, len(samples), MOST):
+            part = samples[at : at + MOST]
+            totals = np.zeros(len(part))
+            side_by_side.begin(entered[part[0]])
+            for row, (a, b) in enumerate(zip(part, [*part[1:], stops[part[-1]]], strict=True)):
+                side_by_side.put(row, entered[a])
+                if b > a:
+                    density = side_by_side.density(self.window, a, b)
+                    for r in range(row + 1):
+                        totals[r] += density[: max(stops[part[r]] - a, 0), r].sum()
+            out |= dict(zip(part, totals.tolist(), strict=True))
+        return out
+
+    def _follow(self, h: Hypothesis, memory: Memory, first: int) -> tuple[list[Memory], Array]:
+        """The filter's memories at every STRIDE samples from `first` on, and the log-density of each sample."""
+        alone = self.filters.of(h, 1, ROOM)
+        alone.begin(memory)
+        memories, parts = [memory], []
+        for a in range(first, self.n, STRIDE):
+            parts.append(alone.density(self.window, a, min(a + STRIDE, self.n))[:, 0].copy())
+            memories.append(alone.memory())
+        return memories, np.concatenate(parts)
+
+    def _ends(self, h: Hypothesis, begin: int) -> list[Path]:
+        """The path that stays to the end, and the best one on which nominal comes back."""
+        before = self._nominal_at(begin)
+        memories, density = self._follow(h, Entry(self.nominal, h, self.filters)(before), begin)
+        gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
+        stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1])
+        back = Entry(h, self.nominal, self.filters, (self.nominal, before))
+        tried: dict[int, float] = {}
+
+        def gains(ends: Iterable[int]) -> None:
+            steps = {max(1, round((end - begin) / STRIDE)) for end in ends if end < self.n - LEFT}
+            new = {begin + k * STRIDE: back(memories[k]) for k in steps if begin + k * STRIDE not in tried}
+            rest = self._together(self.nominal, new, dict.fromkeys(new, self.n))
+            for end, value in rest.items():
+                nominal = self.until[-1] - self.until[end]
+                tried[end] = float(gained[end - begin]) + value - nominal - 2.0 * CHANGE_NATS
+
+        step = max(STRIDE, (self.n - begin) // TRIALS // STRIDE * STRIDE)
+        soon = [begin + int(STRIDE * 2 ** (k / 2.0)) for k in range(2 * int(math.log2(max(self.n, 2))))]
+        gains([*soon, *range(begin + step, self.n, step)])
+        if not tried:
+            return [stays]
+        while step > STRIDE:
+            step, best = max(STRIDE, step // 4 // STRIDE * STRIDE), max(tried, key=lambda k: tried[k])
+            gains(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step))
+        best = max(tried, key=lambda k: tried[k])
+        return [stays, Path(h, begin, best, tried[best], memories[(best - begin) // STRIDE])]
