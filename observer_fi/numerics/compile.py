@@ -13,13 +13,16 @@ from typing import Any
 import numba
 
 from observer_fi.numerics import rows_llvm as registers  # noqa: F401  (kernels may hold rows)
+from observer_fi.numerics.inlining import InlinedFunction
 
 # What a module that compiles anything imports.
 _COMPILES = b"observer_fi.numerics"
 # No "nnan" and no "ninf": masks rely on NaN, unlimited clamps on infinity. No "reassoc" and no "arcp": LLVM keeps two forms
 # of a loop and chooses by where its arrays happen to lie, so that two runs over one log would differ in the last digit.
 _FASTMATH = {"nsz", "contract"}
-_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True}
+_OPTIONS: dict[str, Any] = {
+    "cache": True, "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True, "no_cfunc_wrapper": True,
+}  # fmt: skip
 # Counting references to arrays that nobody frees takes most of a small loop's time; numba keeps the switch private.
 _UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 
@@ -49,7 +52,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `compiled`, and LLVM puts the body in place of each call: passing a parameter array costs more than an equation."""
-    return numba.njit(forceinline=True, **_UNCOUNTED)(function)
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    options = {key: value for key, value in _UNCOUNTED.items() if key != "cache"}
+    alone = numba.njit(**_UNCOUNTED)(function)
+    return InlinedFunction(function, alone, {**options, "nopython": True, "forceinline": True})
 
 
 def uncounted(function: Callable[..., Any]) -> Callable[..., Any]:
