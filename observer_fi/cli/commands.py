@@ -13,7 +13,7 @@ from observer_fi import __version__
 from observer_fi.cli import learning as cli_learning
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import verdicts as cli_verdicts
-from observer_fi.cli.options import OK, USAGE, Command, complain
+from observer_fi.cli.options import OK, USAGE, Command, complain, tell_when_compiling
 from observer_fi.errors import InvalidLogError, UsageError
 
 
@@ -31,6 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     args = _parser(next((word for word in words if not word.startswith("-")), "")).parse_args(words)
     try:
+        tell_when_compiling(args)
         return int(args.run(args))
     except (InvalidLogError, UsageError) as error:
         complain(str(error))

@@ -106,3 +106,12 @@ def step(args: argparse.Namespace) -> Callable[[str], None]:
             print(f"  {text}", file=sys.stderr, flush=True)
 
     return tell
+
+
+def tell_when_compiling(args: argparse.Namespace) -> None:
+    """Say on a terminal why the first run takes longer, before it does."""
+    tell = step(args)
+    if sys.stderr.isatty():
+        from observer_fi.numerics import when_compiling
+
+        when_compiling(lambda: tell("compiling the filters, once for this version: about half a minute"))

@@ -2,6 +2,7 @@
 
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
+from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
 from observer_fi.logs.moves import Excitation, Phase, excitation, log_segments, phases, settling_time
@@ -19,6 +20,7 @@ __all__ = [
     "Parser",
     "Phase",
     "Row",
+    "SUFFIXES",
     "Splitter",
     "excitation",
     "lines_of",

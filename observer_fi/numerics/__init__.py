@@ -1,6 +1,6 @@
 """Compilation and arithmetic on numbers or rows of numbers; no physics."""
 
-from observer_fi.numerics.compile import compiled, inlined, uncounted
+from observer_fi.numerics.compile import compiled, compiled_sources, inlined, uncounted, when_compiling
 from observer_fi.numerics.products import along, gram, less, orthonormal, self_gram, square
 from observer_fi.numerics.rows import (
     MOST,
@@ -30,6 +30,7 @@ __all__ = [
     "aligned",
     "along",
     "compiled",
+    "compiled_sources",
     "cos",
     "exp",
     "floor",
@@ -51,4 +52,5 @@ __all__ = [
     "square",
     "tanh",
     "uncounted",
+    "when_compiling",
 ]

@@ -1,19 +1,26 @@
 """Records to pages, figures and JSON. Computes nothing."""
 
-from observer_fi.report import diagnosis, inverse_learning
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
-from observer_fi.report.comparison_page import page, table
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import COLOURS, MEASURED, MIXTURE, WORDS, colour_of
-from observer_fi.report.inverse_learning import fit_table, inverse_files, inverse_headline, scores_table
-from observer_fi.report.learning import (
-    identify_files,
-    identify_json,
-    improve_files,
-    improve_headline,
-    improve_json,
-)
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
+
+if TYPE_CHECKING:
+    from observer_fi.report import inverse_learning
+    from observer_fi.report.comparison_page import page, table
+    from observer_fi.report.inverse_learning import fit_table, inverse_files, inverse_headline, scores_table
+    from observer_fi.report.learning import (
+        identify_files,
+        identify_json,
+        improve_files,
+        improve_headline,
+        improve_json,
+    )
+    from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
 
 __all__ = [
     "COLOURS",
@@ -23,11 +30,14 @@ __all__ = [
     "WORDS",
     "clear_leftovers",
     "colour_of",
+    "diagnose",
     "diagnosis",
     "environment",
     "fit_table",
+    "identify",
     "identify_files",
     "identify_json",
+    "improve",
     "improve_files",
     "improve_headline",
     "improve_json",
@@ -38,8 +48,27 @@ __all__ = [
     "padded",
     "page",
     "scores_table",
+    "simulate",
     "table",
     "versions",
     "write_file",
     "write_folder",
+    "write_report",
 ]
+
+# Imported when first used: they load the rooms that learn, which a verdict does not need.
+_LATER = {
+    "comparison_page": ("page", "table"),
+    "inverse_learning": ("fit_table", "inverse_files", "inverse_headline", "scores_table"),
+    "learning": ("identify_files", "identify_json", "improve_files", "improve_headline", "improve_json"),
+    "notebook": ("diagnose", "identify", "improve", "simulate", "write_report"),
+}
+_MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "inverse_learning":
+        return import_module(f"{__name__}.{name}")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

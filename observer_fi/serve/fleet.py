@@ -16,7 +16,7 @@ from typing import Any
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import PLAIN, ColumnMap, log_name
+from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap, log_name
 from observer_fi.physics import Rig, rig_toml
 from observer_fi.records import Outcome
 from observer_fi.report import clear_leftovers, colour_of, write_file, write_folder
@@ -24,7 +24,6 @@ from observer_fi.report import diagnosis as report
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose
 
-SUFFIXES = (".csv", ".csv.gz", ".parquet", ".tdms", ".lvm")
 ENTRY = "fleet.json"  # in a log's folder: what its report was made from, and its row
 INDEX, TABLE = "index.html", "fleet.parquet"
 TRIES = 3  # workers that may die over one log before it is given up
