@@ -49,6 +49,12 @@ def is_there(quoted: str) -> bool:
         places = (ROOT / quoted, ROOT / "observer_fi" / quoted)
         written = quoted.split("/")[-1] in words_of_outputs()
         return quoted in files() or written or any(place.exists() for place in places)
+    module, _, name = quoted.removesuffix("()").partition(".")
+    of_module = [path for path in (ROOT / "observer_fi").rglob(f"{module}.py") if name.isidentifier()]
+    if of_module:
+        return any(
+            re.search(rf"^(def |class )?{name}\b", path.read_text(), re.MULTILINE) for path in of_module
+        )
     return all(part in words() or f"{part}.py" in files() for part in quoted.removesuffix("()").split("."))
 
 
@@ -76,6 +82,7 @@ def test_what_a_document_names_exists(path: Path) -> None:
 
 def test_a_name_that_is_gone_is_found_missing() -> None:
     assert is_there("observer_fi/numerics/rows.py") and is_there("rows.py") and is_there("sqrt")
+    assert is_there("rows.sqrt") and not is_there("rows.diagnose")
     assert not is_there("gone" + "_with_the_wind.py") and not is_there("no_such" + "_function")
 
 

@@ -45,9 +45,8 @@ ABSENT = "speed_cmd_rad_s is absent"
 
 
 def with_command(log: Log, model: Model) -> Log:
-    """`log` as it is, or with its command recovered where it holds none."""
-    missing = not log.w_cmd.any() and any(note.startswith(ABSENT) for note in log.notes)
-    return recover_command(log, model) if missing else log
+    """`log` as it is, or with its command recovered where it holds none: where no sample of `w_cmd` is a number."""
+    return log if np.isfinite(log.w_cmd).any() else recover_command(log, model)
 
 
 def recover_command(log: Log, model: Model) -> Log:

@@ -1,18 +1,20 @@
 """The command: what it prints, writes and returns, for good logs, bad logs and bad usage."""
 
+import argparse
 import json
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numba
 import pandas as pd
 import pytest
 from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
 from observer_fi.cli.commands import COMMANDS, main
-from observer_fi.cli.options import BUG, FAULT, OK, USAGE, folder_names
+from observer_fi.cli.options import BUG, FAULT, OK, USAGE, folder_names, tell_when_compiling
 from observer_fi.physics.rigs import load_rig
 
 ROOT = Path(__file__).parents[2]
@@ -261,3 +263,20 @@ def test_a_rig_without_motor_has_no_bank(force_rig, run, tmp_path: Path) -> None
     log, rig = force_rig
     ran = run("diagnose", log, "--rig", rig, "--out", tmp_path)
     assert ran.code == USAGE and ran.err.count("\n") == 1 and "drive" in ran.err
+
+
+@pytest.mark.parametrize(
+    "terminal, quiet, told", [(True, False, True), (False, False, False), (True, True, False)]
+)
+def test_a_terminal_is_told_why_the_first_run_takes_longer(
+    terminal: bool,
+    quiet: bool,
+    told: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    tell_when_compiling(argparse.Namespace(quiet=quiet, json=False))
+    assert ("compiling the filters" in capsys.readouterr().err) == told

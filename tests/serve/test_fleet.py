@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from observer_fi.cli.commands import main
-from observer_fi.errors import UsageError
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs import SUFFIXES, read_log
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 from observer_fi.serve import fleet
@@ -98,6 +99,18 @@ def test_no_logs_is_a_usage_error(tmp_path: Path, folder: str, pattern: str, mes
     job = fleet.Job(tmp_path / folder, tmp_path / "out", RIG, Settings())
     with pytest.raises(UsageError, match=message):
         fleet.find_logs(job, pattern)
+
+
+def test_fleet_takes_every_file_that_diagnose_takes(tmp_path: Path) -> None:
+    job = make_job(tmp_path)
+    job.folder.mkdir()
+    for suffix in SUFFIXES:
+        (job.folder / f"log{suffix}").write_bytes(b"")
+        with pytest.raises(InvalidLogError) as caught:  # empty, but of a known kind
+            read_log(job.folder / f"log{suffix}")
+        assert "unknown kind" not in str(caught.value)
+    (job.folder / "log.xyz").write_bytes(b"")
+    assert set(fleet.find_logs(job)) == {f"log{suffix}" for suffix in SUFFIXES}
 
 
 def test_only_what_changed_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
