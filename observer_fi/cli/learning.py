@@ -33,10 +33,11 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
     from observer_fi.logs import load_columns, read_log, with_command
+    from observer_fi.physics import commanded
 
     columns = load_columns(args.columns) if args.columns else None
     logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
-    return logs if not rig.driven.motor else [with_command(log, rig.model) for log in logs]
+    return logs if not rig.driven.motor else [with_command(commanded(log, rig), rig.model) for log in logs]
 
 
 def run_identify(args: argparse.Namespace) -> int:

@@ -18,10 +18,19 @@ from observer_fi.physics import empirical_curve as curves
 from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
-from observer_fi.records import Array
+from observer_fi.records import Array, Log
 
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
-_FORMS = ("stribeck_speed", "shaft_order", "screw_lead", "heating_time", "sag_time", "position_period")
+_FORMS = (
+    "stribeck_speed",
+    "shaft_order",
+    "screw_lead",
+    "heating_time",
+    "sag_time",
+    "position_period",
+    "Kx",
+    "x_window",
+)
 _SHAPES = (*_SWITCHES, *_FORMS)  # change nothing on their own
 
 # Of every effect: its parameter, where that stands, and the value that leaves the equations as they are.
@@ -138,6 +147,15 @@ class Rig:
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
 
 
+def commanded(log: Log, rig: Rig) -> Log:
+    """`log` with the commanded speed that its drive makes of other columns; as it is where the log has it or must recover it.
+
+    Raises InvalidLogError naming the column that the drive's law needs and the log has not.
+    """
+    law = rig.driven.command
+    return log if law is None else replace(log, w_cmd=law(log, rig.model.vector))
+
+
 def with_values(
     rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit"
 ) -> Rig:
@@ -200,6 +218,9 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         missing = [n for n in DRIVES[drive].requires if n not in quantities]
         if missing:
             raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
+        useless = [n for n in DRIVES[drive].excludes if n in quantities]
+        if useless:
+            raise UsageError(f"parameters that drive {drive!r} has not: {', '.join(useless)}")
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
     noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {

@@ -132,7 +132,7 @@ SERVO = "\n".join(f"{name} = {TABLE['parameters'][name]['value']}" for name in D
 
 @pytest.mark.parametrize(("text", "message"), [
     ("drvie = 'pi_servo'", "no key 'drvie', did you mean 'drive'.*known: name, description, drive"),
-    ("drive = 'piservo'", "no drive 'piservo', did you mean 'pi_servo'.*known: pi_servo, voltage, current, force"),
+    ("drive = 'piservo'", "no drive 'piservo', did you mean 'pi_servo'.*known: pi_servo, position_servo, voltage"),
     ("[noise]\nvolts = 1", "no noise channel 'volts'.*known: voltage, current, position"),
     (f"[parameters]\n{SERVO}\nVmaxx = 1.0", "no parameter 'Vmaxx', did you mean 'Vmax'"),
     ("[parameters]\nA = 1\nJ = 1", "parameters missing for drive 'pi_servo': D, Rm, Km, Vmax, Kp, Ki, Rs, accel_cmd"),
