@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import section3 as cf
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.integral_regression import identify_driven
@@ -84,6 +84,11 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
+    if rig.driven.command is not None:
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "{rig.drive}": identify fits moves whose commanded speed is a trapezoid; '
+            'with drive = "voltage" it learns motor and mechanics'
+        )
     if not rig.driven.servo:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
