@@ -24,18 +24,10 @@ class BankSettings:
     rare: float = 0.1
     # Relative spread of constants that Table 1 gives none for but that differ between rigs, and from charge to charge.
     doubt: dict[str, float] = field(default_factory=lambda: {"J": 0.05, "Vmax": 0.03})
-    # Prior of a state that a hypothesis has and its source has not.
-    entry_std: dict[str, float] = field(
-        default_factory=lambda: {
-            "w": 1.0, "I": 0.05, "x": 1e-3, "d": 2e-6, "torque": 5e-4, "rate": 1e-3,
-        }
-    )  # fmt: skip
-    # Growth of the standard deviation per square root of a second.
-    diffusion: dict[str, float] = field(
-        default_factory=lambda: {
-            "w": 0.1, "I": 3e-5, "x": 5e-7, "d": 0.0, "torque": 2e-4, "rate": 5e-4,
-        }
-    )  # fmt: skip
+    # Prior of a state that a hypothesis has and its source has not. Those of a fault are in `FAULTS`, unless they are here.
+    entry_std: dict[str, float] = field(default_factory=lambda: {"w": 1.0, "I": 0.05, "x": 1e-3})
+    # Growth of the standard deviation per square root of a second. The same.
+    diffusion: dict[str, float] = field(default_factory=lambda: {"w": 0.1, "I": 3e-5, "x": 5e-7})
     # The same for the current of a servo that nobody knows [A]: what a start changes in a sample is 10 mA.
     free_current: float = 0.4
     wander: dict[str, float] = field(default_factory=lambda: {"A": 0.002})

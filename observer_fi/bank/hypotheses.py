@@ -1,6 +1,6 @@
 """The hypotheses of a bank: a model, the states that observe it, and how a hypothesis is entered from another.
 
-A fault is one override of the plant (`models.py`); a hypothesis adds the rig-to-rig spread as constants in the state,
+A fault is one row of `FAULTS`; a hypothesis adds the rig-to-rig spread as constants in the state,
 so that the evidence integrates over it (docs/bank.md). Two hypotheses mix only the states whose names they share; a
 state that the source does not have starts from its entry prior.
 """
@@ -12,19 +12,27 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.errors import UsageError
-from observer_fi.physics import INDEX, Model, Rig
-from observer_fi.physics import rigs as models
+from observer_fi.physics import (
+    FAULTS,
+    INDEX,
+    NOMINAL,
+    UNKNOWN,
+    FaultRow,
+    Model,
+    OwnState,
+    Rig,
+    channel_of,
+    faulty,
+    override,
+)
 from observer_fi.records import CHANNELS, Array
 from observer_fi.settings import BankSettings
 
+MOTION = ("w", "I", "x")
 _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | {
     "torque": tr.TORQUE,
     "rate": tr.RATE,
 }
-
-
-# A servo that nobody knows: i = Ki I is a random walk that the current sensor pins, without gains and limits.
-FREE_SERVO = {"Kp": 0.0, "Ki": 1e-3, "Rs": 0.0, "Vmax": 1e6}
 
 
 @dataclass(frozen=True)
@@ -44,40 +52,36 @@ class Hypothesis:
 
 
 def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
-    """The default bank on a rig: nominal, overload, coupling loss, none of these, and one failed sensor each.
+    """The default bank on a rig: the hypotheses of every row of `FAULTS`.
 
-    Raises UsageError for a rig that is driven by a force: its faults show in voltage and current.
+    Raises UsageError for a rig that no motor drives: its faults show in voltage and current.
     """
-    if rig.drive == "force":
+    if not rig.driven.motor:
         raise UsageError(
-            f'rig {rig.name!r} has drive = "force": faults are told from voltage, current and position; '
+            f'rig {rig.name!r} has drive = "{rig.drive}": faults are told from voltage, current and position; '
             "identify and improve take such a rig"
         )
-    plant = rig.model if rig.has_servo else models.override(rig.model, rig.model.name, **FREE_SERVO)
-    motion = ("w", "I", "x")
-    spread = tuple(name for name in ("A", "B") if rig.spread(name) > 0.0) if settings.augment else ()
-    inertia = (("J", "Vmax") if rig.has_servo else ("J",)) if settings.augment else ()
-    contact = tuple(name for name in ("C", "E") if settings.augment and rig.spread(name) > 0.0)
-    loose = tuple(name for name in ("A_decoupled",) if settings.augment and rig.spread(name) > 0.0)
-    nominal = (*motion, *inertia, *spread)
-    named = [
-        Hypothesis("nominal", "nominal", plant, nominal),
-        Hypothesis("overload", "overload", models.overload(plant), (*nominal, "d", *contact)),
-        Hypothesis(
-            "coupling_loss", "coupling_loss", models.coupling_loss(plant), (*motion, *inertia, *loose)
-        ),
-    ]
-    if settings.unknown:
-        free = ("torque", "rate")
-        named.append(Hypothesis("unknown", "unknown", plant, (*motion, *inertia, *free)))
-    if settings.sensors:
-        named += [
-            Hypothesis(f"sensor:{c}", "sensor_fault", plant, nominal, k) for k, c in enumerate(CHANNELS)
-        ]
-    return tuple(named)
+    plant = override(rig.model, NOMINAL, **rig.driven.plant)
+    rows = [row for row in FAULTS.values() if _in_bank(row, settings)]
+    return tuple(h for row in rows for h in _hypotheses(row, plant, rig, settings))
 
 
-SHARED = ("A", "B", "J", "Vmax")  # constants of the plant itself, whatever the hypothesis
+def _in_bank(row: FaultRow, settings: BankSettings) -> bool:
+    return settings.sensors if row.by_channel else settings.unknown if row.label == UNKNOWN else True
+
+
+def _hypotheses(row: FaultRow, plant: Model, rig: Rig, settings: BankSettings) -> list[Hypothesis]:
+    """Those of a fault, with the states that the rig's spread asks for."""
+    constants = (*rig.driven.in_doubt, *(name for name in row.shares if rig.spread(name) > 0.0))
+    own = [s.name for s in row.states if s.std is not None or (settings.augment and rig.spread(s.name) > 0.0)]
+    states = (*MOTION, *(constants if settings.augment else ()), *own)
+    model = faulty(plant, row.label)
+    return [Hypothesis(mode, row.label, model, states, _channel(mode)) for mode in row.modes]
+
+
+def _channel(mode: str) -> int:
+    channel = channel_of(mode)
+    return -1 if channel is None else CHANNELS.index(channel)
 
 
 class BankArrays(NamedTuple):
@@ -111,8 +115,8 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
     mean, var, diffusion = np.zeros((m, n)), np.ones((m, n)), np.zeros((m, n))
     for j, target in enumerate(hypotheses):
         for k, state in enumerate(target.states):
-            mean[j, k], var[j, k] = _entry(state, rig, settings)
-            diffusion[j, k] = _diffusion(state, rig, settings)
+            mean[j, k], var[j, k] = _entry(target, state, rig, settings)
+            diffusion[j, k] = _diffusion(target, state, rig, settings)
             for i, origin in enumerate(hypotheses):
                 if state in origin.states:
                     source[j, i, k] = origin.states.index(state)
@@ -132,31 +136,36 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
-    """(m, n) whether a state is a constant of the plant that the first hypothesis does not have."""
+    """(m, n) whether a state is a constant of the plant that the fault adds and the first hypothesis does not have."""
     own = np.zeros((len(hypotheses), n), dtype=np.bool_)
     for j, h in enumerate(hypotheses):
         for k, state in enumerate(h.states):
-            own[j, k] = state in INDEX and state not in hypotheses[0].states and state not in SHARED
+            own[j, k] = state in INDEX and state not in hypotheses[0].states and _own(h, state) is not None
     return own
 
 
-def _entry(state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
+def _own(h: Hypothesis, state: str) -> OwnState | None:
+    """What the fault of a hypothesis says of a state that it adds; None where the state is not its own."""
+    states = FAULTS[h.label].states if h.label in FAULTS else ()
+    return next((s for s in states if s.name == state), None)
+
+
+def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
-    if state == "I" and not rig.has_servo:
-        return 0.0, (rig.noise_std[1] / FREE_SERVO["Ki"]) ** 2
-    if state in settings.entry_std:
-        return 0.0, settings.entry_std[state] ** 2
-    if state in settings.doubt:
-        return 1.0, settings.doubt[state] ** 2
-    return 1.0, rig.spread(state) ** 2
+    if state == "I" and not rig.driven.servo:
+        return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
+    own, spread = _own(h, state), settings.doubt.get(state, rig.spread(state))
+    mean, usual = (own.mean, own.std) if own else (float(state in INDEX), None)
+    return mean, settings.entry_std.get(state, spread if usual is None else usual) ** 2
 
 
-def _diffusion(state: str, rig: Rig, settings: BankSettings) -> float:
-    if state == "I" and not rig.has_servo:
-        return (settings.free_current / FREE_SERVO["Ki"]) ** 2
-    if state in INDEX:
-        return settings.wander.get(state, 0.0) ** 2
-    return settings.diffusion.get(state, 0.0) ** 2
+def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> float:
+    """Growth of the variance of a state per second."""
+    if state == "I" and not rig.driven.servo:
+        return (settings.free_current / h.model["Ki"]) ** 2
+    own = _own(h, state)
+    growth = own.growth if own else settings.wander.get(state, 0.0)
+    return settings.diffusion.get(state, growth) ** 2
 
 
 def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings) -> Array:
@@ -165,8 +174,9 @@ def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings)
     rates = np.full((m, m), settings.between_rate)
     rates[0, :] = settings.fault_rate
     for j, h in enumerate(hypotheses):
-        rates[j, 0] = settings.recovery_rate if h.label == "overload" else 0.0
-        if h.label in ("sensor_fault", "unknown"):
+        row = FAULTS.get(h.label)
+        rates[j, 0] = settings.recovery_rate if row and row.heals else 0.0
+        if row and row.rare:
             rates[0, j] *= settings.rare
     np.fill_diagonal(rates, 0.0)
     np.fill_diagonal(rates, -rates.sum(axis=1))

@@ -33,10 +33,11 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
     from observer_fi.logs import load_columns, read_log, with_command
+    from observer_fi.physics import commanded
 
     columns = load_columns(args.columns) if args.columns else None
     logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
-    return logs if rig.drive == "force" else [with_command(log, rig.model) for log in logs]
+    return logs if not rig.driven.motor else [with_command(commanded(log, rig), rig.model) for log in logs]
 
 
 def run_identify(args: argparse.Namespace) -> int:
@@ -68,7 +69,7 @@ def run_improve(args: argparse.Namespace) -> int:
 
     rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
     logs = _learning_logs(args, rig)
-    improved = _improve_force if rig.drive == "force" else _improve_servo
+    improved = _improve_servo if rig.driven.motor else _improve_force
     result, files, headline = improved(logs, rig, name, args)
     write_folder(args.out / name, files)
     if args.json:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def simulate_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `simulate`."""
-    from observer_fi.physics import FAULTS
+    from observer_fi.physics import FAULT_KINDS
     from observer_fi.records import CHANNELS
 
     parser.add_argument(
@@ -26,10 +26,10 @@ def simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pitch", type=float, default=0.0, help="pitch [deg] (0)")
     parser.add_argument(
         "--fault",
-        choices=FAULTS,
+        choices=FAULT_KINDS,
         default="none",
         metavar="KIND",
-        help=f"what goes wrong: {', '.join(FAULTS)}",
+        help=f"what goes wrong: {', '.join(FAULT_KINDS)}",
     )
     parser.add_argument("--at", type=float, default=0.0, metavar="T", help="when it goes wrong [s]")
     parser.add_argument("--channel", choices=CHANNELS, help="which sensor, for a sensor fault")

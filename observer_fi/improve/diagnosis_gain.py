@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.physics import Rig, synthesise
+from observer_fi.physics import OPEN_LOOP, Rig, synthesise
 from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log, scenarios, scores
 
 CASES = 24  # simulated logs: a third healthy, a third each fault, half of them in the start
-FAULTS = ("overload", "coupling_loss")
+FAULTS = OPEN_LOOP[1:]
 
 
 class Worth(NamedTuple):

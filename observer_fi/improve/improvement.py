@@ -141,7 +141,7 @@ def improve(
 
     keep_unexplained: what no cause explains becomes an empirical curve of the extended rig, where it can.
     """
-    if rig.drive != "pi_servo":
+    if not rig.driven.servo or rig.driven.command is not None:
         raise UsageError(f"improve needs a rig with drive 'pi_servo', {rig.name} has {rig.drive!r}")
     experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
     naming = _named(experiment, logs, rig, settings, progress)

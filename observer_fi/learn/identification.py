@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import section3 as cf
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.integral_regression import identify_driven
@@ -80,11 +80,16 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse.py`'s.
     """
-    if rig.drive == "force":
+    if not rig.driven.motor:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
-    if rig.drive != "pi_servo":
+    if rig.driven.command is not None:
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "{rig.drive}": identify fits moves whose commanded speed is a trapezoid; '
+            'with drive = "voltage" it learns motor and mechanics'
+        )
+    if not rig.driven.servo:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
     steps, start = closed_form_start(material, rig.model)

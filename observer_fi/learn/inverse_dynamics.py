@@ -277,7 +277,7 @@ def residual_on(columns: Columns, motion: Motion, solution: Solution) -> tuple[A
 
 def check_force_rig(rig: Rig) -> None:
     """Raises UsageError unless the rig is driven by force."""
-    if rig.drive != "force":
+    if rig.driven.motor:
         raise UsageError(f'rig {rig.name!r} is driven by {rig.drive}; inverse dynamics needs drive = "force"')
 
 

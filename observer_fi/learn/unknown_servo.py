@@ -22,9 +22,9 @@ def with_servo(logs: Sequence[Log], rig: Rig) -> Rig:
 
     Raises UsageError where the logs cannot show one: without voltage, or without a commanded speed.
     """
-    if rig.has_servo:
+    if rig.driven.servo:
         return rig
-    if rig.drive != "voltage":
+    if "voltage_v" not in rig.driven.columns:
         raise UsageError(
             f'rig {rig.name!r} has drive = "{rig.drive}": a servo shows in voltage and commanded speed only'
         )

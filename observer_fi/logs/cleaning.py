@@ -234,6 +234,7 @@ def _log(block: Block, tally: Tally) -> Log:
         pitch=_input("pitch_deg", 0.0, block, t, tally, masked),
         encoder=_optional("encoder_rad", block, good, tally, masked),
         force=_optional("force_cmd_n", block, good, tally, masked),
+        position_cmd=_optional("position_cmd_m", block, good, tally, masked),
         metadata=tally.table.metadata,
         gaps=_gaps(t, good, block.rows, tally),
         rejected=tuple(sorted(masked.entries)),

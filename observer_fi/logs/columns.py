@@ -36,6 +36,7 @@ COLUMNS: dict[str, Kind] = {
     "pitch_deg": Kind("deg", {"deg": 1.0, "rad": 180.0 / math.pi}, 180.0),
     "speed_cmd_rad_s": Kind("rad/s", _SPEEDS, 1e5),
     "encoder_rad": Kind("rad", _ANGLES, 1e9),
+    "position_cmd_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
     "force_cmd_n": Kind("N", {"N": 1.0, "mN": 1e-3, "kN": 1e3}, 1e6),
 }
 _SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "°": "deg"})

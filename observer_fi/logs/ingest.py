@@ -115,6 +115,7 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
     if len(logs) > 1:
         encoder = [log.encoder for log in logs if log.encoder is not None]
         force = [log.force for log in logs if log.force is not None]
+        position_cmd = [log.position_cmd for log in logs if log.position_cmd is not None]
         first = replace(
             first,
             t=np.concatenate([log.t for log in logs]),
@@ -123,6 +124,7 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
             pitch=np.concatenate([log.pitch for log in logs]),
             encoder=_concatenated(encoder),
             force=_concatenated(force),
+            position_cmd=_concatenated(position_cmd),
         )
     return replace(
         first,

@@ -2,6 +2,7 @@
 
 from observer_fi.physics import equations, paper_residuals, rigs, simulation
 from observer_fi.physics.command import corners
+from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
 from observer_fi.physics.empirical_curve import (
     ANGLES,
@@ -15,12 +16,29 @@ from observer_fi.physics.empirical_curve import (
     value_names,
 )
 from observer_fi.physics.equations import INDEX, MOST_POINTS, NAMES, PARAMETERS, VMAX, D, J, applied_torque
+from observer_fi.physics.faults import (
+    FAULT_KINDS,
+    FAULTS,
+    LABELS,
+    NOMINAL,
+    OPEN_LOOP,
+    UNKNOWN,
+    FaultRow,
+    OwnState,
+    broken,
+    channel_of,
+    colour_of,
+    faulty,
+    label_of,
+    mode_of,
+    words_of,
+)
 from observer_fi.physics.paper_residuals import sensor_std
 from observer_fi.physics.rigs import (
     Model,
     Quantity,
     Rig,
-    coupling_loss,
+    commanded,
     load_rig,
     override,
     rig_toml,
@@ -29,7 +47,6 @@ from observer_fi.physics.rigs import (
     with_values,
 )
 from observer_fi.physics.scenario import (
-    FAULTS,
     Fault,
     Move,
     Scenario,
@@ -41,6 +58,22 @@ from observer_fi.physics.scenario import (
 from observer_fi.physics.trapezoid import quarters
 
 __all__ = [
+    "DRIVES",
+    "Drive",
+    "FAULT_KINDS",
+    "FaultRow",
+    "LABELS",
+    "NOMINAL",
+    "OPEN_LOOP",
+    "OwnState",
+    "UNKNOWN",
+    "broken",
+    "channel_of",
+    "colour_of",
+    "faulty",
+    "label_of",
+    "mode_of",
+    "words_of",
     "ANGLES",
     "CAUSES",
     "Cause",
@@ -64,8 +97,8 @@ __all__ = [
     "VMAX",
     "Variant",
     "applied_torque",
+    "commanded",
     "corners",
-    "coupling_loss",
     "csv_bytes",
     "curve_of",
     "drawn_scenario",

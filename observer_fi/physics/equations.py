@@ -78,6 +78,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "input_delay": ("s", 0.0),
     "integrator_limit": ("rad", math.inf),
     "accel_limit": ("rad/s^2", math.inf),
+    "Kx": ("1/s", 0.0),
+    "x_window": ("m", 0.0),
     # kinematics
     "backlash": ("m", 0.0),
     "slip": ("1", 0.0),
@@ -167,6 +169,8 @@ VECTOR_SIZE = len(NAMES) + 1
     INPUT_DELAY,
     INTEGRATOR_LIMIT,
     ACCEL_LIMIT,
+    KX,
+    X_WINDOW,
     BACKLASH,
     SLIP,
     SLIP_PER_TORQUE,

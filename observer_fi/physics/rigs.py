@@ -1,4 +1,4 @@
-"""A model is a name and the parameters of the equations; a fault is one override, an effect is a changed term.
+"""A model is a name and the parameters of the equations; a fault is one override (`faults.py`), an effect a changed term.
 
 Rigs are TOML files: values with unit, how they were found, their spread from rig to rig, and how the actuator is driven.
 """
@@ -15,13 +15,22 @@ import tomli_w
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import empirical_curve as curves
+from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
-from observer_fi.records import Array
+from observer_fi.records import Array, Log
 
-DRIVES = ("pi_servo", "voltage", "current", "force")
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
-_FORMS = ("stribeck_speed", "shaft_order", "screw_lead", "heating_time", "sag_time", "position_period")
+_FORMS = (
+    "stribeck_speed",
+    "shaft_order",
+    "screw_lead",
+    "heating_time",
+    "sag_time",
+    "position_period",
+    "Kx",
+    "x_window",
+)
 _SHAPES = (*_SWITCHES, *_FORMS)  # change nothing on their own
 
 # Of every effect: its parameter, where that stands, and the value that leaves the equations as they are.
@@ -77,16 +86,6 @@ def override(model: Model, name: str, **parameters: float) -> Model:
     return Model(name, tuple(values))
 
 
-def overload(plant: Model) -> Model:
-    """Equations 10 and 11: the mass presses against a stop."""
-    return override(plant, "overload", contact=1.0)
-
-
-def coupling_loss(plant: Model) -> Model:
-    """Equations 12 and 13: the motor turns without the mass."""
-    return override(plant, "coupling_loss", coupling=0.0)
-
-
 @dataclass(frozen=True)
 class Quantity:
     """One value of a rig: unit, how it was found, its 1-sigma spread from rig to rig, and its standard error if fitted."""
@@ -134,9 +133,9 @@ class Rig:
         return curve_of(values, {name: q.std for name, q in self.quantities.items() if q.std is not None})
 
     @property
-    def has_servo(self) -> bool:
-        """Whether the equations of the servo are given (3 to 6); without them the measured current is what drives."""
-        return self.drive == "pi_servo"
+    def driven(self) -> Drive:
+        """The row of its drive."""
+        return DRIVES[self.drive]
 
     def spread(self, name: str) -> float:
         """1-sigma spread of a parameter from rig to rig, relative; 0 where the file gives none."""
@@ -146,6 +145,15 @@ class Rig:
     def noise_std(self) -> Array:
         """(3,) standard deviation of voltage [V], current [A], position [m]."""
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
+
+
+def commanded(log: Log, rig: Rig) -> Log:
+    """`log` with the commanded speed that its drive makes of other columns; as it is where the log has it or must recover it.
+
+    Raises InvalidLogError naming the column that the drive's law needs and the log has not.
+    """
+    law = rig.driven.command
+    return log if law is None else replace(log, w_cmd=law(log, rig.model.vector))
 
 
 def with_values(
@@ -200,16 +208,19 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         _check_keys(table, _TOP, "key")
         drive = table.get("drive", "pi_servo")
         if drive not in DRIVES:
-            raise unknown_name(drive, DRIVES, "drive")
+            raise unknown_name(drive, tuple(DRIVES), "drive")
         _check_keys(table.get("noise", {}), _NOISE, "noise channel")
         quantities = {name: _quantity(name, entry) for name, entry in table.get("parameters", {}).items()}
         if "curve" in table:
-            if drive == "force":
-                raise UsageError("a curve needs moves that are simulated: not for drive 'force'")
+            if not DRIVES[drive].motor:
+                raise UsageError(f"a curve needs moves that are simulated: not for drive {drive!r}")
             quantities |= _curve_quantities(curves.from_table(table["curve"]))
-        missing = [n for n in required_parameters(drive) if n not in quantities]
+        missing = [n for n in DRIVES[drive].requires if n not in quantities]
         if missing:
             raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
+        useless = [n for n in DRIVES[drive].excludes if n in quantities]
+        if useless:
+            raise UsageError(f"parameters that drive {drive!r} has not: {', '.join(useless)}")
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
     noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {
@@ -223,19 +234,6 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         noise,
         table.get("source", ""),
     )
-
-
-def required_parameters(drive: str) -> tuple[str, ...]:
-    """Parameters that a rig driven in this way must give."""
-    mechanics = ("J", "A", "D")
-    electrics = ("Rm", "Km")
-    servo = ("Vmax", "Kp", "Ki", "Rs", "accel_cmd")
-    return {
-        "pi_servo": (*mechanics, *electrics, *servo),
-        "voltage": (*mechanics, *electrics),
-        "current": (*mechanics, "Km"),
-        "force": mechanics,
-    }[drive]
 
 
 def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:

@@ -3,10 +3,11 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from observer_fi.physics import FAULTS, OPEN_LOOP, colour_of, words_of
 from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
-from observer_fi.report.diagnosis_figures import COLOURS, MEASURED, MIXTURE, WORDS, colour_of
+from observer_fi.report.diagnosis_figures import MEASURED
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
         improve_json,
     )
     from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
+
+_MODES = [mode for row in FAULTS.values() for mode in row.modes]
+COLOURS, WORDS, MIXTURE = {m: colour_of(m) for m in _MODES}, {m: words_of(m) for m in _MODES}, OPEN_LOOP
 
 __all__ = [
     "COLOURS",

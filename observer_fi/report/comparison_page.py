@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from observer_fi.physics import OPEN_LOOP, colour_of, words_of
 from observer_fi.report.chart import MUTED, Figure, Panel
 from observer_fi.report.diagnosis import NAMES, environment, versions
-from observer_fi.report.diagnosis_figures import COLOURS, WORDS
 
 JUDGES = {"bank": "Observer bank", "mixture": "Open-loop mixture"}
-FAULTS = ("overload", "coupling_loss")
+FAULTS = OPEN_LOOP[1:]
 
 
 def table(result: dict[str, Any]) -> str:
@@ -53,7 +53,7 @@ def delay_figure(cases: list[dict[str, Any]]) -> str:
     groups = sorted({case["group"] for case in cases}, reverse=True)
     for column, fault in enumerate(FAULTS):
         left = 60.0 + column * 500.0
-        figure.text(left, 22.0, WORDS[fault].capitalize(), weight=650, size=14)
+        figure.text(left, 22.0, words_of(fault).capitalize(), weight=650, size=14)
         panel = figure.panel(left, 60.0, 440.0, 210.0, (0.0, 2.0 * len(groups)), (0.5, 3000.0), log=True)
         panel.frame(y_label="onset to isolation [ms]", x_ticks=False)
         for g, group in enumerate(groups):
@@ -71,7 +71,7 @@ def _strip(panel: Panel, x: float, delays: np.ndarray, fault: str, judge: str) -
     y = np.sort(1e3 * delays[np.isfinite(delays)])
     if not y.size:
         return
-    colour = COLOURS[fault] if judge == "bank" else "#8a929b"
+    colour = colour_of(fault) if judge == "bank" else "#8a929b"
     side = 0.3 * np.linspace(-1.0, 1.0, y.size)[np.argsort(np.arange(y.size) * 0.618 % 1.0)]
     panel.points(x + side, np.maximum(y, 0.6), colour, 5.0, 0.55)
     median = float(np.median(y))

@@ -8,22 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.physics import Rig
+from observer_fi.physics import DRIVES, FAULTS, LABELS, NOMINAL, UNKNOWN, Rig, colour_of, words_of
 from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.result_folder import write_folder
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
-POSTERIOR = ("nominal", "overload", "coupling_loss", "unknown", "sensor_fault")
 
-NAMES = {
-    "nominal": "No fault",
-    "overload": "Overload",
-    "coupling_loss": "Coupling loss",
-    "sensor_fault": "Sensor fault",
-    "unknown": "Unknown fault",
-}
+NAMES = {label: row.title for label, row in FAULTS.items()}
 
 
 def report_dict(outcome: Outcome) -> dict[str, Any]:
@@ -55,7 +48,7 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
                 "detected_s": verdict.detected_s,
                 "isolated_s": verdict.isolated_s,
             },
-            "posterior": {label: verdict.posterior.get(label, 0.0) for label in POSTERIOR},
+            "posterior": {label: verdict.posterior.get(label, 0.0) for label in LABELS},
             "open_loop": _open_loop(outcome),
             "consistency": isolation.consistency._asdict(),
             "explanation": outcome.explanation,
@@ -68,10 +61,10 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
 
 def _open_loop(outcome: Outcome) -> dict[str, Any]:
     """What the mixture says; it starts at a detection, so without one it says nominal, without a servo nothing."""
-    if outcome.settings.get("drive", "pi_servo") != "pi_servo":
+    if not DRIVES[outcome.settings["drive"]].servo:
         return {"label": None, "isolated_s": None, "started_s": None}
     if outcome.open_loop is None:
-        return {"label": "nominal", "isolated_s": None, "started_s": None}
+        return {"label": NOMINAL, "isolated_s": None, "started_s": None}
     verdict = outcome.open_loop.verdict
     return {"label": verdict.label, "isolated_s": verdict.isolated_s, "started_s": verdict.start_s}
 
@@ -132,14 +125,14 @@ def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
             verdict=isolation.verdict,
             mixture=_open_loop(outcome),
             names=NAMES,
-            colour=figures.colour_of(isolation.verdict.label, isolation.verdict.channel),
+            colour=colour_of(isolation.verdict.label, isolation.verdict.channel),
             figures=drawn,
             captions=figures.captions(outcome),
             doubts=doubts(outcome),
             settings=flattened(outcome.settings),
             rig=rig,
             listed=LISTED,
-            colour_of=figures.colour_of,
+            colour_of=colour_of,
             versions=versions(),
         )
     )
@@ -184,7 +177,7 @@ def doubts(outcome: Outcome) -> list[str]:
     elif others:
         found.append(
             "No other hypothesis has more than one part in a million; "
-            f"the next is {others[0][1].replace('_', ' ')}."
+            f"the next is {NAMES[others[0][1]].lower()}."
         )
     if math.isfinite(fit.nis_mean):
         ratio = fit.nis_mean / fit.nis_expected
@@ -204,7 +197,7 @@ def doubts(outcome: Outcome) -> list[str]:
             f"The open-loop mixture says {other}: "
             + (
                 "it knows three models and has to choose one of them."
-                if verdict.label in ("unknown", "sensor_fault")
+                if not FAULTS[verdict.label].open_loop
                 else "it starts from one state and never looks at the data again, so parameters that are "
                 "slightly off lead it astray first."
             )
@@ -217,7 +210,7 @@ def doubts(outcome: Outcome) -> list[str]:
             "data only with constants that no rig shows, or leaves too much of them unexplained."
         )
     found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
-    if verdict.isolated_s is None and verdict.label != "nominal":
+    if verdict.isolated_s is None and verdict.label != NOMINAL:
         found.append(
             "The verdict never stayed above 95 % until the end of its move: a longer move would settle it."
         )
@@ -230,13 +223,13 @@ def _refused(outcome: Outcome) -> str | None:
     """The hypothesis that won on probability where the verdict is that none of them holds."""
     isolation, _ = _complete(outcome)
     verdict, traces = isolation.verdict, outcome.overview
-    if verdict.label != "unknown" or traces is None or verdict.isolated_s is None:
+    if verdict.label != UNKNOWN or traces is None or verdict.isolated_s is None:
         return None
     later = traces.probability[traces.t >= verdict.isolated_s]
     if not later.size:
         return None
     mode = outcome.modes[int(later[0].argmax())]
-    return None if mode in ("unknown", "nominal") else figures.WORDS.get(mode, mode)
+    return None if mode in (UNKNOWN, NOMINAL) else words_of(mode)
 
 
 def flattened(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:

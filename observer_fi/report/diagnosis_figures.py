@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from observer_fi.physics import Rig
+from observer_fi.physics import NOMINAL, OPEN_LOOP, Rig, colour_of, mode_of, words_of
 from observer_fi.physics import paper_residuals as residual
 from observer_fi.records import Array, Event, Outcome, Traces
 from observer_fi.report.chart import INK, MUTED, Figure, Panel, padded
@@ -13,26 +13,6 @@ DOTS = 2500  # innovations drawn a channel
 MEASURED = "#3d444c"
 ONSET = "#f0b429"
 
-# Okabe and Ito's palette, which people of every colour vision tell apart.
-COLOURS = {
-    "nominal": "#0072b2",
-    "overload": "#d55e00",
-    "coupling_loss": "#009e73",
-    "unknown": "#6b7280",
-    "sensor:voltage": "#b5548c",
-    "sensor:current": "#8c6bb1",
-    "sensor:position": "#a6761d",
-}
-WORDS = {
-    "nominal": "no fault",
-    "overload": "overload",
-    "coupling_loss": "coupling loss",
-    "unknown": "none of these",
-    "sensor:voltage": "voltage sensor",
-    "sensor:current": "current sensor",
-    "sensor:position": "position sensor",
-}
-MIXTURE = ("nominal", "overload", "coupling_loss")
 # name, unit, factor from SI, narrowest range shown
 CHANNELS = (
     ("Voltage", "V", 1.0, 0.05),
@@ -40,11 +20,6 @@ CHANNELS = (
     ("Position", "mm", 1e3, 0.05),
     ("Speed (V − Rm i)/Km", "rad/s", 1.0, 4.0),
 )
-
-
-def colour_of(mode: str, channel: str | None = None) -> str:
-    """Colour of a hypothesis, or of a verdict with its channel."""
-    return COLOURS.get(f"sensor:{channel}" if channel else mode, "#b5548c")
 
 
 def draw(outcome: Outcome, rig: Rig) -> dict[str, str]:
@@ -69,7 +44,7 @@ def draw(outcome: Outcome, rig: Rig) -> dict[str, str]:
 
 def captions(outcome: Outcome) -> dict[str, str]:
     """What each figure shows, {name: sentences}."""
-    healthy = outcome.isolation is None or outcome.isolation.verdict.label == "nominal"
+    healthy = outcome.isolation is None or outcome.isolation.verdict.label == NOMINAL
     beside = outcome.zoom is not None and outcome.zoom.mixture_t.size > 1
     where = "at the start of the move" if healthy else "around the onset"
     found = {
@@ -108,8 +83,7 @@ def _shown(outcome: Outcome) -> tuple[int, ...]:
     """The three models of the paper, and the winner where it is another."""
     assert outcome.isolation is not None
     verdict = outcome.isolation.verdict
-    winner = f"sensor:{verdict.channel}" if verdict.channel else verdict.label
-    names = dict.fromkeys((*MIXTURE, winner))
+    names = dict.fromkeys((*OPEN_LOOP, mode_of(verdict.label, verdict.channel)))
     return tuple(outcome.modes.index(name) for name in names if name in outcome.modes)
 
 
@@ -143,9 +117,9 @@ def signals(traces: Traces, modes: tuple[str, ...], shown: tuple[int, ...], verd
 
 def _mixture(panel: Panel, t: Array, curves: Array) -> None:
     labels = []
-    for j, mode in enumerate(MIXTURE):
-        panel.line(t, curves[:, j], COLOURS[mode], 1.8)
-        labels.append((_last(curves[:, j]), WORDS[mode], COLOURS[mode]))
+    for j, mode in enumerate(OPEN_LOOP):
+        panel.line(t, curves[:, j], colour_of(mode), 1.8)
+        labels.append((_last(curves[:, j]), words_of(mode), colour_of(mode)))
     panel.end_labels(labels)
 
 
@@ -156,7 +130,7 @@ def _hypotheses(
     for j in shown:
         colour = colour_of(modes[j])
         panel.line(t, curves[:, j], colour, 1.1, opacity=0.9)
-        labels.append((_last(curves[:, j]), WORDS.get(modes[j], modes[j]), colour))
+        labels.append((_last(curves[:, j]), words_of(modes[j]), colour))
     panel.end_labels(labels)
 
 
@@ -186,7 +160,7 @@ def residuals(
             there, span = np.ones(whole.mixture_t.size, dtype=np.bool_), _span(whole.mixture_t)
         norm = whole.mixture_norm[there]
         panel = figure.panel(boxes[1][0], TOP, boxes[1][1], 190.0, span, _decades(norm), True)
-        _norms(panel, whole.mixture_t[there], norm, list(MIXTURE), verdict)
+        _norms(panel, whole.mixture_t[there], norm, list(OPEN_LOOP), verdict)
     return figure.svg()
 
 
@@ -201,7 +175,7 @@ def _norms(
     for j, mode in enumerate(names):
         smooth = _running_rms(norm[:, j], max(5, t.size // 60))
         panel.line(t, smooth, colour_of(mode), 2.0)
-        labels.append((_last(smooth), WORDS.get(mode, mode), colour_of(mode)))
+        labels.append((_last(smooth), words_of(mode), colour_of(mode)))
     if noise is not None:
         panel.level(noise)
         labels.append((noise, "√3: noise", MUTED))
@@ -228,7 +202,7 @@ def posterior(traces: Traces, modes: tuple[str, ...], verdict: Event) -> str:
         panel.frame("time [s]", "probability")
         _events(panel, verdict)
         _probabilities(
-            panel, traces.mixture_t[there], likelihood / likelihood.sum(axis=1, keepdims=True), MIXTURE
+            panel, traces.mixture_t[there], likelihood / likelihood.sum(axis=1, keepdims=True), OPEN_LOOP
         )
     return figure.svg()
 
@@ -241,7 +215,7 @@ def _probabilities(panel: Panel, t: Array, probability: Array, modes: tuple[str,
         p = probability[:, j]
         if np.nanmax(p) > 0.02:
             panel.line(t, p, colour_of(mode), 1.8)
-            labels.append((_last(p), WORDS.get(mode, mode), colour_of(mode)))
+            labels.append((_last(p), words_of(mode), colour_of(mode)))
     panel.end_labels(labels)
 
 
@@ -259,7 +233,7 @@ def overview(traces: Traces, modes: tuple[str, ...], verdict: Event, events: tup
         panel = figure.panel(left, 30.0 + r * (row + SPACE), width, row, span, padded(y, least=least))
         panel.frame("", f"{name} [{unit}]", x_ticks=False)
         for event in events:
-            if event.label != "nominal" and event.onset_s is not None:
+            if event.label != NOMINAL and event.onset_s is not None:
                 panel.band(event.onset_s, event.end_s, colour_of(event.label, event.channel), 0.10)
         panel.line(traces.t, y, MEASURED, 1.0, opacity=0.8)
         for j in np.unique(winner):
@@ -314,7 +288,7 @@ def _heads(figure: Figure, boxes: list[tuple[float, float]], heads: tuple[str, s
 
 def _events(panel: Panel, verdict: Event, words: bool = False) -> None:
     """Onset with its interval, and the moment from which the verdict is certain."""
-    if verdict.label == "nominal":
+    if verdict.label == NOMINAL:
         return
     low, high = verdict.onset_interval_s
     if low is not None and high is not None and verdict.onset_s is not None:

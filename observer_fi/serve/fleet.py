@@ -17,9 +17,9 @@ from typing import Any
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap, log_name
-from observer_fi.physics import Rig, rig_toml
+from observer_fi.physics import FAULTS, Rig, colour_of, rig_toml
 from observer_fi.records import Outcome
-from observer_fi.report import clear_leftovers, colour_of, write_file, write_folder
+from observer_fi.report import clear_leftovers, write_file, write_folder
 from observer_fi.report import diagnosis as report
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose
@@ -274,8 +274,6 @@ def _check_versions(client: Any) -> None:
 
 # --- the summary ---
 
-_ORDER = {"coupling_loss": 0, "overload": 1, "sensor_fault": 2, "unknown": 3}
-
 
 def worst_first(rows: Rows) -> Rows:
     """Faults by kind and certainty, then what could not be judged, then healthy logs with the worst fit in front."""
@@ -284,7 +282,7 @@ def worst_first(rows: Rows) -> Rows:
         if row["status"] != "done":
             return 1, 0, 0.0, row["log"]
         if row["label"] != "nominal":
-            return 0, _ORDER.get(row["label"], 4), -row["probability"], row["log"]
+            return 0, FAULTS[row["label"]].rank, -row["probability"], row["log"]
         ratio = row["nis_ratio"]
         return 2, 0, -(ratio if ratio is not None and math.isfinite(ratio) else 0.0), row["log"]
 

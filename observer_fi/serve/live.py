@@ -15,10 +15,10 @@ from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import first_state as beginning
 from observer_fi.bank import log_feed as feed
 from observer_fi.logs import Row
-from observer_fi.physics import Rig
+from observer_fi.physics import Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict import Isolator, channel_of, label_of, log_verdict, make_bank, tested
+from observer_fi.verdict import Isolator, log_verdict, make_bank, tested
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 

@@ -31,11 +31,10 @@ from observer_fi.logs import (
     lines_of,
     numbers,
 )
-from observer_fi.physics import Rig
-from observer_fi.records import LABELS, Array, Estimate, Event
+from observer_fi.physics import LABELS, Rig, label_of
+from observer_fi.records import Array, Estimate, Event
 from observer_fi.serve.live import Change, Live, table_of
 from observer_fi.settings import Settings
-from observer_fi.verdict import label_of
 
 SCHEMA = "observer-fi/watch/1"
 READ_BYTES = 1 << 16

@@ -3,17 +3,15 @@
 from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
-from observer_fi.verdict.isolate import Isolator, channel_of, label_of, log_verdict, tested
+from observer_fi.verdict.isolate import Isolator, log_verdict, tested
 
 __all__ = [
     "Isolator",
     "as_dict",
-    "channel_of",
     "compare",
     "comparison",
     "diagnose",
     "diagnose_log",
-    "label_of",
     "log_verdict",
     "make_bank",
     "open_loop_estimate",

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.physics import Rig, Scenario, Truth, drawn_scenario, synthesise
+from observer_fi.physics import OPEN_LOOP, Rig, Scenario, Truth, drawn_scenario, synthesise
 from observer_fi.records import Estimate, Isolation, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import scores
@@ -19,7 +19,6 @@ from observer_fi.verdict.isolate import Isolator
 from observer_fi.verdict.open_loop import open_loop
 from observer_fi.verdict.scores import Case
 
-CLASSES = ("nominal", "overload", "coupling_loss")
 GROUPS = ("steady state", "start transient")
 FALSE_ALARM_S = (0.05, 1.0)  # after the start of a healthy move
 
@@ -37,8 +36,8 @@ def scenarios(count: int, seed: int) -> list[tuple[str, Scenario]]:
     found = []
     for k in range(count):
         rng = np.random.default_rng([seed, k])
-        transient = (k // len(CLASSES)) % 2 == 1
-        scenario = drawn_scenario(rng, CLASSES[k % len(CLASSES)], transient, seed=1_000_000 * seed + k)
+        transient = (k // len(OPEN_LOOP)) % 2 == 1
+        scenario = drawn_scenario(rng, OPEN_LOOP[k % len(OPEN_LOOP)], transient, seed=1_000_000 * seed + k)
         found.append((GROUPS[transient], scenario))
     return found
 

@@ -11,13 +11,22 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.logs import CHUNK_ROWS, ColumnMap, log_name, log_segments, open_log, read_log, suspect_units
-from observer_fi.physics import Rig
+from observer_fi.logs import (
+    ABSENT,
+    CHUNK_ROWS,
+    ColumnMap,
+    log_name,
+    log_segments,
+    open_log,
+    read_log,
+    suspect_units,
+)
+from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
-from observer_fi.verdict.isolate import EventTracker, Isolator, Run, label_of, tested
+from observer_fi.verdict.isolate import EventTracker, Isolator, Run, tested
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 
@@ -59,12 +68,13 @@ def diagnose(
     """
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
-    recovered = None if file.has_command else _recovered(path, rig, columns)
+    recovered = None if file.has_command or rig.driven.command else _recovered(path, rig, columns)
     run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
+    notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
-        "rejected_count": whole.rejected_count, "notes": whole.notes,
+        "rejected_count": whole.rejected_count, "notes": tuple(notes),
     }  # fmt: skip
     return run.outcome(log_name(path), facts)
 
@@ -134,7 +144,8 @@ class Diagnosis:
         """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
         with ThreadPoolExecutor(1) as thread:
             before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
-            for log in logs:
+            for given in logs:
+                log = commanded(given, self.rig)
                 ahead = log, thread.submit(self._advanced, log)
                 if before is not None:
                     self._judge(before[0], *before[1].result())
@@ -144,6 +155,7 @@ class Diagnosis:
 
     def add(self, log: Log) -> Estimate:
         """Take the next chunk; the bank's estimate of it."""
+        log = commanded(log, self.rig)
         estimate, memory = self._advanced(log)
         self._judge(log, estimate, memory)
         return estimate
@@ -207,12 +219,10 @@ class Diagnosis:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
         modes = self.isolator.modes
         for start, j in keys:
-            if label_of(modes[j]) == event.label and (
-                event.channel is None or modes[j].endswith(event.channel)
-            ):
+            if (label_of(modes[j]), channel_of(modes[j])) == (event.label, event.channel):
                 found = self.onsets[start, j][1]
                 return event._replace(onset_s=found.median, onset_interval_s=(found.low, found.high))
-        if event.label != "nominal" and event.detected_s is not None:
+        if event.label != NOMINAL and event.detected_s is not None:
             return event._replace(
                 onset_s=event.detected_s, onset_interval_s=(event.start_s, event.detected_s)
             )
@@ -287,7 +297,7 @@ class Baseline:
 
     def add(self, log: Log, e: Estimate, detected_s: float | None) -> None:
         """Take the next chunk and the bank's estimate of it."""
-        if not self.rig.has_servo:
+        if not self.rig.driven.servo:
             return  # nothing to run open loop
         if self.mixture is None and detected_s is not None:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
@@ -333,6 +343,7 @@ def _part(log: Log, rows: slice) -> Log:
     return replace(
         log, t=log.t[rows], z=log.z[rows], w_cmd=log.w_cmd[rows], pitch=log.pitch[rows],
         encoder=None if log.encoder is None else log.encoder[rows], force=None if log.force is None else log.force[rows],
+        position_cmd=None if log.position_cmd is None else log.position_cmd[rows],
     )  # fmt: skip
 
 

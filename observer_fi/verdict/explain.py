@@ -1,62 +1,29 @@
 """Verdicts in words that a technician can act on."""
 
-from observer_fi.physics import Rig
+from observer_fi.physics import FAULTS, NOMINAL, Rig
 from observer_fi.records import Event, Isolation, Log
-
-_WHAT = {
-    "nominal": "The actuator behaved as its model says.",
-    "overload": "The mass pressed against an obstacle or a travel limit: current rose while the mass moved at "
-    "about half its speed.",
-    "coupling_loss": "The motor turned without moving the mass: the coupling between lead screw and nut has let go.",
-    "sensor_fault": "The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
-    "unknown": "Something went wrong that is none of the known faults.",
-}
-_ACT = {
-    "nominal": "No action is needed.",
-    "overload": "Stop the move, look for an obstacle and compare the position with the travel limits before moving again.",
-    "coupling_loss": "Do not command further moves; check the setscrew between lead screw and nut.",
-    "sensor_fault": "Check the {channel} sensor, its wiring and its input channel before trusting further moves.",
-    "unknown": "Inspect the drive by hand, and compare friction, supply and winding resistance with an earlier healthy move.",
-}
-_ALIKE = {
-    (
-        "sensor_fault",
-        "voltage",
-    ): "A changed winding resistance looks the same as a voltage sensor fault in these channels: "
-    "measure the resistance at rest to tell them apart.",
-    (
-        "sensor_fault",
-        "position",
-    ): "A nut that slips or a lost coupling can look like a dead position sensor while the speed is steady: "
-    "a reversal, or the encoder, tells them apart.",
-    ("unknown", None): "A wrong pitch reading looks the same as a changed load.",
-}
 
 
 def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     """One paragraph: what happened, when, how sure, what it could be instead, what to do."""
-    v = isolation.verdict
-    words = [_WHAT[v.label].format(channel=v.channel)]
-    if v.label != "nominal":
+    v, row = isolation.verdict, FAULTS[isolation.verdict.label]
+    words = [row.says(row.happened, v.channel)]
+    if v.label != NOMINAL:
         words.append(_when(v))
     words.append(f"The probability of this verdict is {_percent(v.probability)}.")
     words += [f"Note: {reason}." for reason in v.reasons]
-    alike = _ALIKE.get((v.label, v.channel))
-    if alike:
-        words.append(alike)
-    if v.label == "coupling_loss":
-        words += _blind_spot(rig)
-    later = [e for e in isolation.events if e.label not in ("nominal", v.label)]
+    words += [text for text in (row.alike.get(v.channel, ""), row.caveat(rig.model)) if text]
+    later = [e for e in isolation.events if e.label not in (NOMINAL, v.label)]
     if later:
         words.append(
-            f"Other moves of this log show {', '.join(sorted({e.label.replace('_', ' ') for e in later}))}."
+            f"Other moves of this log show {', '.join(sorted({FAULTS[e.label].title.lower() for e in later}))}."
         )
     if _chronic(isolation):
         words.append(
             "Most moves of this log disagree with the rig file in the same way, which points at the model rather than at a "
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
-    words.append(_ACT[v.label].format(channel=v.channel))
+    words.append(row.says(row.action, v.channel))
     if not isolation.events:
         words = ["The log holds no commanded move, so it says nothing about the actuator."]
     return " ".join(words)
@@ -64,7 +31,7 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
 
 def _chronic(isolation: Isolation) -> bool:
     """Whether at least three moves, and half of them, are explained by no named fault."""
-    odd = sum(e.label in ("unknown", "sensor_fault") for e in isolation.events)
+    odd = sum(FAULTS[e.label].rare for e in isolation.events)
     return odd >= 3 and 2 * odd >= len(isolation.events)
 
 
@@ -82,15 +49,3 @@ def _when(v: Event) -> str:
 
 def _percent(p: float) -> str:
     return "above 99.9 %" if p > 0.999 else f"{100.0 * p:.1f} %"
-
-
-def _blind_spot(rig: Rig) -> list[str]:
-    """Where decoupled and nominal draw the same current (design section 2): theta = (A' - A) / B."""
-    model = rig.model
-    if not model["B"]:
-        return []
-    angle = (model["A_decoupled"] - model["A"]) / model["B"]
-    return [
-        f"Near {angle:.1f} deg of pitch (forward moves) a lost coupling draws the nominal current, "
-        "and only a start or a reversal tells."
-    ]

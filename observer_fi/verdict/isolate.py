@@ -13,23 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.bank import usual_step
-from observer_fi.records import CHANNELS, LABELS, Array, Consistency, Estimate, Event, Isolation
+from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
+from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 
 Mask = NDArray[np.bool_]
-NOMINAL, UNKNOWN = "nominal", "unknown"
-
-
-def label_of(mode: str) -> str:
-    """Label of the verdict for a hypothesis: "sensor:current" is a sensor_fault."""
-    return "sensor_fault" if mode.startswith("sensor:") else mode
-
-
-def channel_of(mode: str) -> str | None:
-    """Channel of a sensor hypothesis, None for the others."""
-    return mode.split(":", 1)[1] if mode.startswith("sensor:") else None
-
-
 SETTLING = 8  # samples after a change of winner
 
 
@@ -73,8 +61,9 @@ class Measured:
         if self.there.all():
             return
         winner = e.probability.argmax(axis=1)
+        of_sensors = {channel_of(mode): j for j, mode in enumerate(e.modes)}
         for c, name in enumerate(CHANNELS):
-            failed = e.modes.index(f"sensor:{name}") if f"sensor:{name}" in e.modes else -1
+            failed = of_sensors.get(name, -1)
             self.missed[c] |= bool((~there[:, c] & (winner != failed)).any())
 
     def lacks(self, channel: str) -> bool:
@@ -161,10 +150,8 @@ class EventTracker:
         run = self.certain.pop(j, None)
         if run is None or j in self.latched or now - run.since < self.settings.latch_s:
             return
-        entered = (
-            label_of(self.modes[j]) == "overload"
-        )  # nominal is entered from it, and so fits all the time
-        if entered or self.not_nominal >= run.since:
+        heals = FAULTS[label_of(self.modes[j])].heals  # nominal is entered from it, and so fits all the time
+        if heals or self.not_nominal >= run.since:
             self.latched[j] = run
 
     def _doubted_before(self, k: int, t: Array, nominal: Mask) -> float:
@@ -251,12 +238,12 @@ class EventTracker:
                 j, run, p = self._after_rest(j, run, p, reasons)
         j, p = self._measured(j, p, reasons)
         if self.modes[j] == UNKNOWN and self.strained:
-            names = ", ".join(self.modes[k].replace("_", " ") for k in sorted(self.strained))
+            names = ", ".join(words_of(self.modes[k]) for k in sorted(self.strained))
             reasons.append(f"{names} would fit only with constants that no rig shows")
         if j in self.misfits and self.modes[j] != UNKNOWN and UNKNOWN in self.modes:
             since = self.misfits[j]
             reasons.append(
-                f"the best hypothesis, {self.modes[j]}, does not explain the innovations from {since:.3f} s on"
+                f"the best hypothesis, {words_of(self.modes[j])}, does not explain the innovations from {since:.3f} s on"
             )
             j, run = self.modes.index(UNKNOWN), Run(since, since)
             p = self._given(j, self.settings.isolated)

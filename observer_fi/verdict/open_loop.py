@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.numerics import compiled
-from observer_fi.physics import Model, Rig, corners, coupling_loss, override, quarters, sensor_std
+from observer_fi.physics import FAULTS, OPEN_LOOP, Model, Rig, broken, corners, quarters, sensor_std
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as sim
 from observer_fi.records import Array, Estimate, Log
 
-MODES = ("nominal", "overload", "coupling_loss")
 _PAST = 80  # samples before a detection, and
 _PAST_S = 0.05  # of the samples before a chunk: what the corners of the command need
 
@@ -81,9 +80,9 @@ class Mixture:
         ready = _commands(times, command, p[0])
         fine = np.ones(times.size - first, dtype=np.bool_)
         pitch = np.concatenate((np.full(times.size - first - n, log.pitch[0]), log.pitch))
-        out = np.empty((len(MODES), times.size - first, sim.COLUMNS))
-        y = np.empty((len(MODES), times.size - first, 3))
-        for j in range(len(MODES)):
+        out = np.empty((len(OPEN_LOOP), times.size - first, sim.COLUMNS))
+        y = np.empty((len(OPEN_LOOP), times.size - first, 3))
+        for j in range(len(OPEN_LOOP)):
             sim.run(
                 times[first:], ready[0][first:], ready[1][first:], fine, pitch, p[j], self.states[j], out[j]
             )
@@ -109,7 +108,7 @@ class Mixture:
     def _estimate(
         self, log: Log, w_cmd: Array, active: NDArray[np.bool_], out: Array, y: Array, p: Array
     ) -> Estimate:
-        n, m = log.t.size, len(MODES)
+        n, m = log.t.size, len(OPEN_LOOP)
         scaled, nis, mu = np.empty((n, m, 3)), np.empty((n, m)), np.empty((n, m))
         _judge(log.z, out, y, p, self.std, self.last, scaled, nis, mu)
         best = mu.argmax(axis=1)
@@ -119,13 +118,13 @@ class Mixture:
         normalised = -scaled[k, best][:, [2, 0, 1]]
         predicted = np.ascontiguousarray(np.swapaxes(y, 0, 1))
         strain = np.zeros((n, m))  # the models have no constants to stretch
-        return Estimate(log.t, MODES, mu, nis, predicted, normalised, states, active, -0.5 * nis, strain)
+        return Estimate(log.t, OPEN_LOOP, mu, nis, predicted, normalised, states, active, -0.5 * nis, strain)
 
 
-def models(plant: Model, x: float, direction: float) -> tuple[Model, Model, Model]:
-    """The three models after a detection at x [m] in a move of this direction: the stop is there."""
-    stop = {"x_stop_high": x} if direction >= 0.0 else {"x_stop_low": x}
-    return plant, override(plant, "overload", **stop), coupling_loss(plant)
+def models(plant: Model, x: float, direction: float) -> tuple[Model, ...]:
+    """The models of `OPEN_LOOP` after a detection at x [m] in a move of this direction: a stop is there."""
+    kinds = [next(iter(FAULTS[label].made_by)) for label in OPEN_LOOP]
+    return tuple(broken(plant, kind, x, direction >= 0.0) for kind in kinds)
 
 
 def open_loop(
@@ -152,6 +151,7 @@ def cut(log: Log, first: int, last: int | None = None) -> Log:
         pitch=log.pitch[part],
         encoder=None if log.encoder is None else log.encoder[part],
         force=None if log.force is None else log.force[part],
+        position_cmd=None if log.position_cmd is None else log.position_cmd[part],
         first_row=log.first_row + first,
     )
 

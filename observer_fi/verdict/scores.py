@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.records import LABELS, Event, Isolation
+from observer_fi.physics import LABELS
+from observer_fi.records import Event, Isolation
 
 CERTAINTY_BINS = (0.0, 0.5, 0.8, 0.95, 0.99, 0.999, 1.0)
 

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.hypotheses import SHARED, arrays, bank, transition_rates
+from observer_fi.bank.hypotheses import arrays, bank, transition_rates
 from observer_fi.bank.packing import bank_rows, find_places
 from observer_fi.physics.equations import INDEX
+from observer_fi.physics.faults import FAULTS
 from observer_fi.physics.rigs import load_rig
 from observer_fi.settings import BankSettings
 
@@ -81,8 +82,9 @@ def test_entry_priors_are_the_rigs_spread() -> None:
     for j, h in enumerate(HYPOTHESES):
         for k, state in enumerate(h.states):
             mean, std = ARRAYS.entry_mean[j, k], np.sqrt(ARRAYS.entry_var[j, k])
-            if state in SETTINGS.entry_std:
-                assert (mean, std) == (0.0, pytest.approx(SETTINGS.entry_std[state]))
+            own = {s.name: s.std for s in FAULTS[h.label].states if s.std is not None}
+            if state in SETTINGS.entry_std | own:
+                assert (mean, std) == (0.0, pytest.approx((SETTINGS.entry_std | own)[state]))
             else:
                 assert mean == 1.0
                 assert std == pytest.approx(SETTINGS.doubt.get(state) or RIG.spread(state))
@@ -94,7 +96,6 @@ def test_own_constants_are_those_that_nominal_lacks() -> None:
     own = {h.name: {s for k, s in enumerate(h.states) if ARRAYS.own[j, k]} for j, h in enumerate(HYPOTHESES)}
     assert own["overload"] == {"C", "E"} and own["coupling_loss"] == {"A_decoupled"}
     assert not any(own[name] for name in NAMES if name not in ("overload", "coupling_loss"))
-    assert not any(s in SHARED for names in own.values() for s in names)
 
 
 def test_state_codes_and_layout_agree() -> None:

@@ -25,7 +25,7 @@ def unknown_servo() -> Rig:
 def test_the_servo_is_found_from_far_away(seed: int) -> None:
     truth = hidden.draw_rig(np.random.default_rng(seed), 5.0)
     found = with_servo([log_of(hidden.campaign(), truth, seed)], unknown_servo())
-    assert found.has_servo and found.model["accel_cmd"] == pytest.approx(6e4, rel=1e-3)
+    assert found.driven.servo and found.model["accel_cmd"] == pytest.approx(6e4, rel=1e-3)
     for name in ("Kp", "Ki", "Vmax", "J"):
         assert found.model[name] == pytest.approx(getattr(truth, name), rel=0.01), name
 

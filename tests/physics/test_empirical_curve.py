@@ -12,7 +12,8 @@ from observer_fi.errors import UsageError
 from observer_fi.improve.improvement import improve, to_json
 from observer_fi.physics import equations as a
 from observer_fi.physics.empirical_curve import Curve, curve_of, from_table, parameters, to_table
-from observer_fi.physics.rigs import coupling_loss, load_rig, override, rig_toml, with_curve
+from observer_fi.physics.faults import faulty
+from observer_fi.physics.rigs import load_rig, override, rig_toml, with_curve
 
 RIG = load_rig()
 BUMP = Curve("torque", "position", False, -1e-3, 5e-4, (0.0, 1e-5, 6e-5, -2e-5, 0.0))
@@ -67,7 +68,7 @@ def test_a_curve_adds_its_value_to_the_torque(curve, state):
 
 
 def test_without_the_mass_a_curve_over_its_position_is_gone():
-    p = coupling_loss(override(RIG.model, "nominal", **parameters(BUMP))).vector
+    p = faulty(override(RIG.model, "nominal", **parameters(BUMP)), "coupling_loss").vector
     assert a.load_torque(100.0, 1e-4, 0.0, 0.0, 0.0, p) == 0.0
 
 

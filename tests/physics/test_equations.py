@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as sim
 from observer_fi.physics.command import corners
-from observer_fi.physics.rigs import Model, coupling_loss, load_rig, overload, override
+from observer_fi.physics.faults import faulty
+from observer_fi.physics.rigs import Model, load_rig, override
 from observer_fi.physics.trapezoid import quarters
 
 RIG = load_rig()
@@ -89,7 +90,7 @@ def test_steady_state_at_zero_pitch() -> None:
 
 
 def test_decoupled_and_blind_spot() -> None:
-    loose = coupling_loss(PLANT)
+    loose = faulty(PLANT, "coupling_loss")
     _, out = open_loop(loose, seconds=1.5)
     assert 1e3 * out[-1, sim.CURRENT] == pytest.approx(16.0, abs=0.05)
     assert np.ptp(out[:, sim.X]) == 0.0
@@ -109,7 +110,7 @@ def test_ceiling_of_the_force_and_stall() -> None:
     assert 1e3 * depth == pytest.approx(8.41, abs=0.01)
     stall = math.sqrt((Km * PLANT["Vmax"] / R - PLANT["A"]) / PLANT["C"])
     assert 1e3 * stall == pytest.approx(13.2, abs=0.05)
-    model = override(overload(PLANT), "stop", x_stop_high=0.0)
+    model = override(faulty(PLANT, "overload"), "stop", x_stop_high=0.0)
     p = model.vector
     torque = a.applied_torque(1.0, 410.0, depth, depth, 0.0, 0.0, p)
     assert torque == pytest.approx(Km * ceiling, rel=1e-9)

@@ -11,16 +11,14 @@ from hypothesis import strategies as st
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import equations as a
+from observer_fi.physics.drives import DRIVES
+from observer_fi.physics.faults import faulty
 from observer_fi.physics.rigs import (
-    DRIVES,
     Quantity,
     Rig,
-    coupling_loss,
     load_rig,
-    overload,
     override,
     packaged_rigs,
-    required_parameters,
     rig_toml,
     with_values,
 )
@@ -46,7 +44,7 @@ def test_the_default_rig_is_table_1() -> None:
 def test_faults_are_one_override() -> None:
     differences = {
         model.name: {n: model[n] for n in a.NAMES if model[n] != PLANT[n]}
-        for model in (overload(PLANT), coupling_loss(PLANT))
+        for model in (faulty(PLANT, "overload"), faulty(PLANT, "coupling_loss"))
     }
     assert differences == {"overload": {"contact": 1.0}, "coupling_loss": {"coupling": 0.0}}
 
@@ -63,7 +61,7 @@ def test_override_leaves_the_original_and_refuses_what_does_not_exist() -> None:
 
 
 def test_models_compare_and_pickle() -> None:
-    assert override(PLANT, "nominal") == PLANT != overload(PLANT)
+    assert override(PLANT, "nominal") == PLANT != faulty(PLANT, "overload")
     assert pickle.loads(pickle.dumps(PLANT)) == PLANT
     assert hash(override(PLANT, "nominal")) == hash(PLANT)
 
@@ -93,7 +91,7 @@ def test_packaged_rigs_load_by_name_and_survive_saving(path: Path, tmp_path: Pat
     copy = tmp_path / path.name
     copy.write_text(rig_toml(rig), encoding="utf-8")
     assert load_rig(copy) == rig
-    assert set(required_parameters(rig.drive)) <= set(rig.quantities)
+    assert set(rig.driven.requires) <= set(rig.quantities)
 
 
 @given(
@@ -129,14 +127,12 @@ def test_a_new_value_gets_its_unit() -> None:
 
 
 TABLE = tomllib.loads(rig_toml(RIG))
-SERVO = "\n".join(
-    f"{name} = {TABLE['parameters'][name]['value']}" for name in required_parameters("pi_servo")
-)
+SERVO = "\n".join(f"{name} = {TABLE['parameters'][name]['value']}" for name in DRIVES["pi_servo"].requires)
 
 
 @pytest.mark.parametrize(("text", "message"), [
     ("drvie = 'pi_servo'", "no key 'drvie', did you mean 'drive'.*known: name, description, drive"),
-    ("drive = 'piservo'", "no drive 'piservo', did you mean 'pi_servo'.*known: pi_servo, voltage, current, force"),
+    ("drive = 'piservo'", "no drive 'piservo', did you mean 'pi_servo'.*known: pi_servo, position_servo, voltage"),
     ("[noise]\nvolts = 1", "no noise channel 'volts'.*known: voltage, current, position"),
     (f"[parameters]\n{SERVO}\nVmaxx = 1.0", "no parameter 'Vmaxx', did you mean 'Vmax'"),
     ("[parameters]\nA = 1\nJ = 1", "parameters missing for drive 'pi_servo': D, Rm, Km, Vmax, Kp, Ki, Rs, accel_cmd"),
@@ -176,4 +172,3 @@ def test_plain_numbers_and_defaults_are_enough(tmp_path: Path) -> None:
     rig = load_rig(path)
     assert (rig.name, rig.drive, rig.noise) == ("mine", "pi_servo", Rig("", "", "", {}).noise)
     assert rig.model["J"] == 4.7e-7 and rig.model["E"] == 0.0
-    assert all(set(required_parameters(drive)) <= set(a.NAMES) for drive in DRIVES)

@@ -8,11 +8,9 @@ import pytest
 
 from observer_fi.errors import UsageError
 from observer_fi.logs.ingest import read_log
+from observer_fi.physics.faults import FAULT_KINDS, FAULTS
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import (
-    CHANGES,
-    FAULTS,
-    SENSOR_FAULTS,
     Fault,
     Move,
     Scenario,
@@ -23,6 +21,11 @@ from observer_fi.physics.scenario import (
 )
 
 RIG = load_rig()
+RIGHT = {"none": "nominal", "overload": "overload", "coupling_loss": "coupling_loss"} | {
+    kind: "sensor_fault" if kind.startswith("sensor_") else "unknown"
+    for kind in FAULT_KINDS
+    if kind not in ("none", "overload", "coupling_loss")
+}
 
 
 def test_a_seed_repeats_the_log_and_another_does_not() -> None:
@@ -31,10 +34,10 @@ def test_a_seed_repeats_the_log_and_another_does_not() -> None:
     assert not np.allclose(a, c)
 
 
-@pytest.mark.parametrize("kind", FAULTS)
+@pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_before_the_fault_nothing_differs(kind: str) -> None:
     """Every kind changes something from its time on, and nothing before."""
-    channel = "position" if kind in SENSOR_FAULTS else None
+    channel = "position" if FAULT_KINDS[kind].by_channel else None
     healthy = synthesise(Scenario(), RIG)[0]
     log, truth = synthesise(Scenario(fault=Fault(kind, 1.00037, channel)), RIG)
     before = log.t < 1.00037
@@ -44,11 +47,11 @@ def test_before_the_fault_nothing_differs(kind: str) -> None:
         assert (
             after.max() > 5.0 or kind == "supply"
         )  # a supply that collapses to 8.5 V hardly limits this move
-    assert truth.label in ("nominal", "overload", "coupling_loss", "sensor_fault", "unknown")
+    assert truth.label == RIGHT[kind]
 
 
 @pytest.mark.parametrize("at_s", [0.0, 0.3, 1.0, 1.00031, 3.1999])
-@pytest.mark.parametrize("kind", ["overload", "coupling_loss", *CHANGES])
+@pytest.mark.parametrize("kind", ["overload", "coupling_loss", *FAULTS["unknown"].made_by])
 def test_a_fault_may_fall_anywhere(kind: str, at_s: float) -> None:
     """At rest, on a sample, between two, after the last: the log is whole and finite."""
     log, truth = synthesise(Scenario(fault=Fault(kind, at_s)), RIG)
@@ -119,3 +122,11 @@ def test_the_monte_carlo_stays_in_its_ranges() -> None:
         assert 205.0 <= abs(move.speed) <= 410.0 and -12.0 <= s.pitch_deg <= 12.0
         after = s.fault.at_s - move.start_s
         assert (after < 0.25) == (k % 2 == 0) and 0.0 < after < move.seconds - 0.5
+
+
+def test_an_offset_of_the_voltage_is_there_once() -> None:
+    plain, offset = (
+        synthesise(Scenario(effects=e, noise=0.0), RIG)[0] for e in ({}, {"voltage_offset": 0.02})
+    )
+    np.testing.assert_allclose(offset.z[:, 0] - plain.z[:, 0], 0.02, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(offset.z[:, 1:], plain.z[:, 1:], rtol=0, atol=1e-12)

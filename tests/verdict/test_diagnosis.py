@@ -14,8 +14,9 @@ from scenarios import SCENARIOS, Scenario
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import load_columns
 from observer_fi.logs.ingest import log_from_frame, read_log
+from observer_fi.physics.faults import LABELS
 from observer_fi.physics.rigs import Rig, load_rig
-from observer_fi.records import LABELS, Consistency, Event, Isolation, Log, Outcome
+from observer_fi.records import Consistency, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict.diagnosis import Diagnosis, diagnose, diagnose_log

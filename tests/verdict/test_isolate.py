@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer_fi.records import LABELS, Estimate, Event, Isolation
+from observer_fi.physics import LABELS, channel_of, label_of, words_of
+from observer_fi.records import Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict import isolate
-from observer_fi.verdict.isolate import Isolator, Whiteness, channel_of, label_of, log_verdict
+from observer_fi.verdict.isolate import Isolator, Whiteness, log_verdict
 
 MODES = (
     "nominal",
@@ -162,7 +163,7 @@ def test_the_winner_has_to_explain_the_innovations(mode: str, nis: float, fits: 
     v = verdict(rest(), Part(0.3), Part(0.1, mode), Part(0.5, mode, nis=nis), rest())
     assert v.label == (label_of(mode) if fits else "unknown")
     if not fits:
-        assert mode in v.reasons[-1] and "does not explain" in v.reasons[-1]
+        assert words_of(mode) in v.reasons[-1] and "does not explain" in v.reasons[-1]
         share = (6.0 - 3.0) / (nis - 3.0)  # of a window, until its mean is twice what is expected
         assert v.isolated_s == pytest.approx(0.6 + share * SETTINGS.window_s, abs=3 / RATE)
 

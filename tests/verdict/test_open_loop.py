@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from observer_fi.physics.faults import OPEN_LOOP
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Log
-from observer_fi.verdict.open_loop import MODES, Mixture, MixtureSettings, cut, models, open_loop
+from observer_fi.verdict.open_loop import Mixture, MixtureSettings, cut, models, open_loop
 
 RIG = load_rig()
 STEADY = np.array([410.0, 4.6e-4 / (0.0212 * 0.45)])  # w, I of a steady move: i = A/Km = Ki I
@@ -45,7 +46,7 @@ def test_nis_is_the_squared_scalar_of_equation_19() -> None:
     Rm, Km = RIG.model["Rm"], RIG.model["Km"]
     std = MixtureSettings().std(RIG)
     V, i, x = (log.z[k:, c] for c in range(3))
-    for j in range(len(MODES)):
+    for j in range(len(OPEN_LOOP)):
         y = estimate.predicted[:, j]
         w = (y[:, 0] - Rm * y[:, 1]) / Km
         delta = np.column_stack((y[:, 1] - i, y[:, 2] - x, w - (V - Rm * i) / Km))
