@@ -36,7 +36,7 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 
     columns = load_columns(args.columns) if args.columns else None
     logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
-    return logs if rig.drive == "force" else [with_command(log, rig.model) for log in logs]
+    return [with_command(log, rig.model) for log in logs] if rig.has_servo else logs
 
 
 def run_identify(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn import section3 as cf
+from observer_fi.learn.contacts_and_losses import Breaks, find_breaks
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.integral_regression import identify_driven
 from observer_fi.learn.joint_likelihood import (
@@ -26,9 +27,7 @@ from observer_fi.learn.joint_likelihood import (
     profile_interval,
     residuals_of,
 )
-from observer_fi.learn.kinematic_breaks import Breaks, find_breaks
-from observer_fi.learn.move_data import cut_moves
-from observer_fi.logs import Phase, log_segments, phases, with_command
+from observer_fi.logs import Phase, log_segments, moves_from_rest, phases, with_command
 from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
 from observer_fi.physics import equations as a
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
@@ -124,7 +123,7 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 
 def _material(log: Log, rig: Rig) -> Material:
     log = with_command(log, rig.model)
-    moves = cut_moves(log)
+    moves = moves_from_rest(log)
     return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
 
 

@@ -16,6 +16,8 @@ from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
+from observer_fi.logs import moves_from_rest
+from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rig, corners, quarters
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
@@ -92,22 +94,6 @@ class Experiment:
         return slice(int(self.bounds[move]), int(self.bounds[move + 1]))
 
 
-def cut_moves(log: Log) -> tuple[Segment, ...]:
-    """Moves of a log from its commanded speed; the rests between them are shared out at `Segment`'s bounds."""
-    moving = np.concatenate(([False], np.abs(log.w_cmd) > 0.0, [False])).astype(np.int8)
-    edges = np.diff(moving)
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    starts = np.maximum(starts - 1, 0)
-    moves = []
-    for k, (start, stop) in enumerate(zip(starts, stops, strict=True)):
-        rest = int(stops[k - 1]) if k else 0
-        end = int(starts[k + 1]) if k + 1 < starts.size else log.t.size
-        middle = (start + stop) // 2
-        pitch = float(np.nanmean(log.pitch[start:stop]))
-        moves.append(Segment(rest, int(start), int(stop), end, float(log.w_cmd[middle]), pitch))
-    return tuple(moves)
-
-
 def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
     """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
     estimates = []
@@ -130,11 +116,11 @@ def _white_std(second: Array) -> float:
 
 
 def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:
-    """Moves of several logs as one experiment. moves: per log, by default from `cut_moves`.
+    """Moves of several logs as one experiment. moves: per log, by default from `moves_from_rest`.
 
     A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
     """
-    cut = [cut_moves(log) for log in logs] if moves is None else moves
+    cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     noise = noise_of(logs, rig)
     every = [
@@ -162,7 +148,7 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         noise=noise,
         doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
-        history=tuple((log.t, _filled(log.z[:, 1])) for log in logs),
+        history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
         accel=accel,
     )
 
@@ -218,7 +204,7 @@ def _part(
     w_cmd = log.w_cmd[rest:end]
     corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
     since = _since(log.t[rest:end], corner)
-    gapless = np.stack([_filled(channel) for channel in z.T], axis=1)
+    gapless = np.nan_to_num(np.stack([filled(channel) for channel in z.T], axis=1))
     brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
     return {
         "t": log.t[rest:end],
@@ -241,15 +227,6 @@ def _since(t: Array, corner: NDArray[np.bool_]) -> Array:
     """Time since the command last changed, or until just before it does [s]."""
     last = np.maximum.accumulate(np.where(corner, np.arange(t.size), -1))
     return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
-
-
-def _filled(y: Array) -> Array:
-    """y with missing samples interpolated."""
-    bad = np.isnan(y)
-    if not bad.any():
-        return y
-    k = np.arange(y.size)
-    return np.interp(k, k[~bad], y[~bad]) if not bad.all() else np.zeros_like(y)
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:

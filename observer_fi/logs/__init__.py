@@ -4,7 +4,15 @@ from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
-from observer_fi.logs.moves import Excitation, Phase, excitation, log_segments, phases, settling_time
+from observer_fi.logs.moves import (
+    Excitation,
+    Phase,
+    excitation,
+    log_segments,
+    moves_from_rest,
+    phases,
+    settling_time,
+)
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.units import suspect_units
 
@@ -26,6 +34,7 @@ __all__ = [
     "log_from_frame",
     "log_name",
     "log_segments",
+    "moves_from_rest",
     "numbers",
     "open_log",
     "phases",

@@ -1,7 +1,7 @@
 """Compilation and arithmetic on numbers or rows of numbers; no physics."""
 
 from observer_fi.numerics.compile import compiled, inlined, uncounted
-from observer_fi.numerics.products import along, gram, less, orthonormal, self_gram, square
+from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, square, subtract_rows
 from observer_fi.numerics.rows import (
     MOST,
     Wide,
@@ -22,25 +22,30 @@ from observer_fi.numerics.rows import (
     sqrt,
     tanh,
 )
+from observer_fi.numerics.series import autocorrelation, constant_runs, correlation_time, filled, runs
 
 __all__ = [
     "MOST",
     "Wide",
     "above",
     "aligned",
-    "along",
+    "autocorrelation",
     "compiled",
+    "constant_runs",
+    "correlation_time",
     "cos",
     "exp",
+    "filled",
     "floor",
     "gram",
     "inlined",
     "larger",
-    "less",
     "log",
+    "matvec",
     "nothing",
     "orthonormal",
     "room",
+    "runs",
     "seldom",
     "self_gram",
     "side_by_side",
@@ -49,6 +54,7 @@ __all__ = [
     "some",
     "sqrt",
     "square",
+    "subtract_rows",
     "tanh",
     "uncounted",
 ]

@@ -11,7 +11,16 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.logs import CHUNK_ROWS, ColumnMap, log_name, log_segments, open_log, read_log, suspect_units
+from observer_fi.logs import (
+    CHUNK_ROWS,
+    ColumnMap,
+    log_name,
+    log_segments,
+    open_log,
+    read_log,
+    suspect_units,
+    with_command,
+)
 from observer_fi.physics import Rig
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
@@ -59,7 +68,7 @@ def diagnose(
     """
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
-    recovered = None if file.has_command else _recovered(path, rig, columns)
+    recovered = None if file.has_command else with_command(read_log(path, columns), rig.model)
     run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
@@ -67,13 +76,6 @@ def diagnose(
         "rejected_count": whole.rejected_count, "notes": whole.notes,
     }  # fmt: skip
     return run.outcome(log_name(path), facts)
-
-
-def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
-    """The whole log with the command that its data show, noted."""
-    from observer_fi.logs import recover_command
-
-    return recover_command(read_log(path, columns), rig.model)
 
 
 def _pieces(log: Log) -> Iterator[Log]:
@@ -91,7 +93,8 @@ def diagnose_log(
 def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
-    """The verdict on a log in memory, and the bank's estimate that it rests on."""
+    """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
+    log = with_command(log, rig.model)
     run = Diagnosis(rig, settings, engine, filter_kind)
     estimate = run.add(log)
     facts = {

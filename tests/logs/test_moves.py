@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenarios import END_S, RATE_HZ, SPEED, START_S, STOP_S, healthy_move
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.command_recovery import recover_command
+from observer_fi.logs.command_recovery import recover_command, with_command
 from observer_fi.logs.moves import Phase, excitation, log_segments, phases, segments, settling_time
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
@@ -222,6 +222,17 @@ def test_without_a_speed_loop_the_settled_speed_stands_for_the_command() -> None
     steady = np.abs(log.w_cmd) == np.abs(log.w_cmd).max()
     assert np.median(found[steady]) == pytest.approx(log.w_cmd[steady][0], rel=0.01)
     assert np.abs((found != 0.0) ^ (log.w_cmd != 0.0)).mean() < 0.03
+
+
+def test_only_a_command_that_is_missing_is_recovered() -> None:
+    log = healthy_log()
+    assert with_command(log, MODEL) is log
+    still = replace(
+        log, w_cmd=np.zeros(log.t.size), notes=("speed_cmd_rad_s is absent: recovered, 0 starts",)
+    )
+    assert with_command(still, MODEL) is still
+    found = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), MODEL)
+    assert np.abs(found.w_cmd - log.w_cmd).max() < ACCEL / RATE_HZ
 
 
 def test_a_rig_without_a_motor_has_no_command_to_recover() -> None:
