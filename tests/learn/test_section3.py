@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from observer_fi.learn import section3 as cf
-from observer_fi.learn.contacts_and_losses import find_breaks, motor_angle, speed_of
+from observer_fi.learn.contacts_and_losses import find_breaks
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.logs.moves import moves_from_rest
 from observer_fi.physics.rigs import load_rig, override
@@ -117,15 +117,6 @@ def test_contact_is_the_quadratic_of_figure_4(pressed):
     assert squeeze.values["E"] == pytest.approx(0.52, rel=0.01)
 
 
-def test_the_low_stop_is_the_mirror_of_the_high_one(pressed):
-    log, moves = pressed
-    mirrored = replace(log, z=-log.z, w_cmd=-log.w_cmd, pitch=-log.pitch)
-    one = find_breaks(log, moves, PAPER, 1e-5)
-    other = find_breaks(mirrored, moves_from_rest(mirrored), PAPER, 1e-5)
-    assert one.stop_high == pytest.approx(-other.stop_low)
-    assert one.stop_low == pytest.approx(-other.stop_high)
-
-
 def test_decoupled_friction_and_inertia():
     spec = hidden.TruthSpec(
         hidden.there_and_back((410.0, 410.0), (1.5, 1.5), (0.0, 8.0)),
@@ -141,26 +132,6 @@ def test_decoupled_friction_and_inertia():
     mass = cf.inertia(log, cf.saturated_starts(log, moves, PAPER), PAPER, "J_decoupled")
     assert mass is not None
     assert mass.values["J_decoupled"] == pytest.approx(4.6e-7, rel=0.01)
-
-
-def test_backlash_and_a_lagging_sensor_are_neither_a_stop_nor_a_loss():
-    for cause, values in (("backlash", 1.5e-4), ("position_lag", 0.04)):
-        made = hidden.sized_effect(cause, 1.0, np.random.default_rng(1))
-        made = replace(
-            made,
-            values=tuple((name, values) if k == 0 else (name, v) for k, (name, v) in enumerate(made.values)),
-        )
-        log = log_of(hidden.TruthSpec(hidden.campaign(), effects=(made,)), 5)
-        assert find_breaks(log, moves_from_rest(log), PAPER, 1e-5) == (None, None, None)
-
-
-def test_motor_angle_and_speed_bridge_missing_samples():
-    t = np.arange(5) * 0.1
-    z = np.column_stack([PAPER["Km"] * 100.0 * np.ones(5), np.zeros(5), np.zeros(5)])
-    z[2, 0] = np.nan
-    log = Log("gap", t, z, np.zeros(5), np.zeros(5))
-    np.testing.assert_allclose(speed_of(log, PAPER), 100.0)
-    np.testing.assert_allclose(motor_angle(t, np.full(5, 100.0)), 100.0 * t)
 
 
 def test_a_step_without_its_phase_gives_nothing(campaign):
