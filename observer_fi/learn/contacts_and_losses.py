@@ -186,9 +186,7 @@ def _steady(experiment: Experiment, model: Model) -> tuple[Array, Array, Array, 
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         t = experiment.t[rows]
-        knots, values = experiment.knots[experiment.log[m]]
-        w_cmd = np.interp(t, knots, values)
-        steady = (w_cmd == experiment.peak[m]) & (t - t[experiment.moving[m]] > _SETTLED_S)
+        steady = (experiment.w_cmd(m) == experiment.peak[m]) & (t - t[experiment.moving[m]] > _SETTLED_S)
         k = np.flatnonzero(steady & (experiment.weight[rows] > 0.0).all(axis=1))
         for block in np.array_split(k, max(k.size // _BLOCK, 1)):
             if block.size >= _BLOCK // 2:

@@ -27,7 +27,7 @@ from observer_fi.learn.joint_likelihood import (
     profile_interval,
     residuals_of,
 )
-from observer_fi.logs import Phase, log_segments, moves_from_rest, phases, with_command
+from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
 from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
 from observer_fi.physics import equations as a
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
@@ -396,15 +396,11 @@ def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str,
     codes, residuals = [], []
     for one in fit.figures.get("fits", []):
         log = logs[one["log"]]
-        phase_of = np.full(log.t.size, int(Phase.REST))
-        for move in log_segments(log):
-            phase_of[move.rest : move.end] = phases(move, log.t, log.w_cmd, log.z, model)
-        codes.append(phase_of[np.searchsorted(log.t, one["time"])])
+        codes.append(log_phases(log, model)[np.searchsorted(log.t, one["time"])])
         residuals.append(one["residual"])
     if not codes:
         return {}
-    code, r = np.concatenate(codes), np.concatenate(residuals)
-    return {p.name.lower(): np.mean(r[code == p] ** 2, axis=0) for p in Phase if (code == p).any()}
+    return mean_square_by_phase(np.concatenate(residuals), np.concatenate(codes))
 
 
 def figures(parts: Sequence[Part], fitted: JointFit, steps: Mapping[str, cf.Step]) -> dict[str, Any]:

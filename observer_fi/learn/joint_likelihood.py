@@ -144,6 +144,7 @@ def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:
         z=z[keep],
         weight=weight[keep],
         fine=experiment.fine[keep],
+        phase=experiment.phase[keep],
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
         start=experiment.start + experiment.moving,
         moving=np.zeros_like(experiment.moving),
@@ -192,6 +193,7 @@ def _refined(experiment: Experiment) -> Experiment:
         z=np.where(sample[:, None], experiment.z[origin], 0.0),
         weight=np.where(sample[:, None], experiment.weight[origin], 0.0),
         fine=experiment.fine[origin],
+        phase=experiment.phase[origin],
         bounds=np.append(first, origin.size)[np.append(experiment.bounds[:-1], experiment.t.size)],
     )
 

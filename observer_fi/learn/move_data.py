@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
-from observer_fi.logs import moves_from_rest
+from observer_fi.logs import log_phases, moves_from_rest
 from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rig, corners, quarters
 from observer_fi.physics import equations as a
@@ -44,12 +44,11 @@ _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weig
 class Experiment:
     """M moves of one or more logs, N samples in all, move m in rows bounds[m]:bounds[m + 1].
 
-    t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the
-    noise, 0 where missing; fine (N,); log (M,) index of the log; start (M,) row of its log; peak (M,) rad/s and
-    pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current [A] and
-    position [m] at rest; noise (3,). doubts: per move, what a reversal
-    leaves open. knots: per log, times and values of the commanded speed. history: per log, time
-    and current on the whole log, for the slow states.
+    t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the noise, 0
+    where missing; fine (N,); phase (N,) `Phase` by the rig's model; log (M,) index of the log; start (M,) row of its log;
+    peak (M,) rad/s and pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current
+    [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
+    values of the commanded speed. history: per log, time and current on the whole log, for the slow states.
     """
 
     t: Array
@@ -57,6 +56,7 @@ class Experiment:
     z: Array
     weight: Array
     fine: NDArray[np.bool_]
+    phase: NDArray[np.int8]
     bounds: NDArray[np.int64]
     log: NDArray[np.int64]
     start: NDArray[np.int64]
@@ -93,6 +93,10 @@ class Experiment:
         """Rows of one move."""
         return slice(int(self.bounds[move]), int(self.bounds[move + 1]))
 
+    def w_cmd(self, move: int) -> Array:
+        """(n,) commanded speed at the rows of one move [rad/s]."""
+        return np.interp(self.t[self.rows(move)], *self.knots[self.log[move]])
+
 
 def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
     """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
@@ -123,8 +127,9 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     noise = noise_of(logs, rig)
+    codes = [log_phases(log, rig.model) for log in logs]
     every = [
-        _part(log, k, m, segments, noise, rig.model)
+        _part(log, k, m, segments, noise, rig.model, codes[k])
         for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
         for m in range(len(segments))
     ]
@@ -135,7 +140,8 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         )
     rows = [p["t"].size for p in parts]
     stacked: dict[str, Any] = {
-        name: np.concatenate([p[name] for p in parts]) for name in ("t", "theta", "z", "weight", "fine")
+        name: np.concatenate([p[name] for p in parts])
+        for name in ("t", "theta", "z", "weight", "fine", "phase")
     }
     each: dict[str, Any] = {
         name: np.array([p[name] for p in parts])
@@ -160,7 +166,7 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     k = np.asarray(moves)
     return replace(
         experiment,
-        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine")},
+        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine", "phase")},
         **{
             name: getattr(experiment, name)[k]
             for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
@@ -186,7 +192,13 @@ def unwhitened(experiment: Experiment, r: Array) -> Array:
 
 
 def _part(
-    log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array, model: Model
+    log: Log,
+    number: int,
+    m: int,
+    segments: Sequence[Segment],
+    noise: Array,
+    model: Model,
+    phase: NDArray[np.int8],
 ) -> dict | None:
     """One move as rows of an experiment, or None where it has no rest to start from."""
     segment = segments[m]
@@ -212,6 +224,7 @@ def _part(
         "z": np.where(missing, 0.0, z),
         "weight": weight,
         "fine": since < FINE_S,
+        "phase": phase[rest:end],
         "log": number,
         "start": rest,
         "moving": segment.start - rest,

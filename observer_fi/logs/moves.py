@@ -141,6 +141,22 @@ def phases(segment: Segment, t: Array, w_cmd: Array, z: Array, model: Model) -> 
     return codes
 
 
+def log_phases(log: Log, model: Model) -> NDArray[np.int8]:
+    """(n,) the `Phase` of every sample of a log; a stop lasts until the loop has settled or the next move starts."""
+    codes = np.full(log.t.size, Phase.REST, dtype=np.int8)
+    moves = log_segments(log)
+    ends = [*(move.start for move in moves[1:]), log.t.size]
+    for move, end in zip(moves, ends, strict=False):
+        whole = move._replace(rest=move.start, end=end)
+        codes[whole.rest : whole.end] = phases(whole, log.t, log.w_cmd, log.z, model)
+    return codes
+
+
+def mean_square_by_phase(r: Array, codes: NDArray[np.int8]) -> dict[str, Array]:
+    """Mean square (C,) of a residual r (n, C) in every phase that occurs, by name; codes: (n,) `Phase`."""
+    return {p.name.lower(): np.mean(r[codes == p] ** 2, axis=0) for p in Phase if (codes == p).any()}
+
+
 def _brake(speed: Array, start: int, stop: int) -> int:
     """First sample of the ramp that ends the move; `stop` where the log ends before it."""
     if stop == speed.size and (stop - start < 2 or speed[stop - 1] >= speed[stop - 2] * (1.0 - 1e-6)):
