@@ -73,7 +73,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    parameters, covariance = _told(names, values, covariance, rig)
+    parameters, covariance = _reported(names, values, covariance, rig)
     missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
     noise = (
         float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
@@ -90,9 +90,9 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 
 def windows_of(log: Log, model: Model) -> list[Window]:
     """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
-    w, sure = _speed(log, model)
+    w, smooth = _speed(log, model)
     sign = np.where(
-        np.abs(sure) > max(SLOWEST * float(np.nanmax(np.abs(sure), initial=0.0)), TURNS), np.sign(sure), 0.0
+        np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS), np.sign(smooth), 0.0
     )
     channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
     sign[~np.isfinite(channels).all(axis=1)] = 0.0
@@ -242,21 +242,21 @@ def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
     return Solution(x / scale, covariance / np.outer(scale, scale), float(np.sqrt(variance)), target.size)
 
 
-def _told(
+def _reported(
     names: Sequence[str], values: Array, covariance: Array, rig: Rig
 ) -> tuple[tuple[Parameter, ...], Array]:
     """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     small = ("torque_offset", "viscous_positive")
-    keep = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
+    sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
     found = tuple(
         Parameter(
             names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
             float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
         )
-        for k in keep
+        for k in sure
     )  # fmt: skip
-    return found, covariance[np.ix_(keep, keep)]
+    return found, covariance[np.ix_(sure, sure)]
 
 
 def _correlation(covariance: Array) -> Array:

@@ -1,6 +1,6 @@
 """The output-error likelihood of several logs at once, with coupling losses and a contact point per log.
 
-Every move is simulated open loop from the rest before it (`experiment.py`). A log may lose its coupling at a free
+Every move is simulated open loop from the rest before it (`move_data.py`). A log may lose its coupling at a free
 time; from there on the plant runs decoupled (equation 12). A parameter named "x_stop_high@2" belongs to the log with
 index 2 only; all others are shared. Gauss-Newton; two free numbers of every move, the current and the position of
 its rest, are projected out.
@@ -125,26 +125,26 @@ def _still_from(log: Log, move: Segment, model: Model) -> int:
 
 def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:
     """The experiment with each rest as one weighted mean, and each stop without weight from its end row on."""
-    keep = np.zeros(experiment.t.size, dtype=bool)
+    used = np.zeros(experiment.t.size, dtype=bool)
     z, weight = experiment.z.copy(), experiment.weight.copy()
     for m, end in enumerate(ends):
         rows = experiment.rows(m)
         begin = rows.start + int(experiment.moving[m])
         last = min(rows.start + max(end - int(experiment.start[m]), 1), rows.stop)
-        keep[begin:last] = True
+        used[begin:last] = True
         squared = weight[rows.start : begin + 1] ** 2
         total = squared.sum(axis=0)
         z[begin] = (squared * z[rows.start : begin + 1]).sum(axis=0) / np.maximum(total, 1e-300)
         weight[begin] = np.sqrt(total)
-    sizes = [int(keep[experiment.rows(m)].sum()) for m in range(experiment.moves)]
+    sizes = [int(used[experiment.rows(m)].sum()) for m in range(experiment.moves)]
     return replace(
         experiment,
-        t=experiment.t[keep],
-        theta=experiment.theta[keep],
-        z=z[keep],
-        weight=weight[keep],
-        fine=experiment.fine[keep],
-        phase=experiment.phase[keep],
+        t=experiment.t[used],
+        theta=experiment.theta[used],
+        z=z[used],
+        weight=weight[used],
+        fine=experiment.fine[used],
+        phase=experiment.phase[used],
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
         start=experiment.start + experiment.moving,
         moving=np.zeros_like(experiment.moving),

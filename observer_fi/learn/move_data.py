@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
+from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest
 from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rig, corners, quarters
@@ -179,7 +179,7 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
 def whitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
     for m, doubt in enumerate(experiment.doubts):
-        less_doubt(r[experiment.rows(m)], doubt)
+        subtract_doubt(r[experiment.rows(m)], doubt)
     return r
 
 
@@ -187,7 +187,7 @@ def unwhitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3) as they were before `whitened`."""
     r = r.copy()
     for m, doubt in enumerate(experiment.doubts):
-        less_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
+        subtract_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
     return r
 
 
@@ -263,8 +263,8 @@ def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
 
 def _leaky(u: Array, dt: float, time: float) -> Array:
     """Integral of u that leaks with a time constant [u s]: the value before each sample is added."""
-    keep = math.exp(-dt / time)
-    total = lfilter([dt], [1.0, -keep], u)
+    decay = math.exp(-dt / time)
+    total = lfilter([dt], [1.0, -decay], u)
     return np.concatenate(([0.0], total[:-1]))
 
 
@@ -348,7 +348,7 @@ def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Se
     alike: dict[Any, list[int]] = {}
     for k, model in enumerate(models):
         alike.setdefault((_delays(model.vector), s.paced(model.vector)), []).append(k)
-    batches = [some[at : at + s.LANES] for some in alike.values() for at in range(0, len(some), s.LANES)]
+    batches = [same[at : at + s.LANES] for same in alike.values() for at in range(0, len(same), s.LANES)]
 
     def fill(batch: list[int]) -> None:
         ready = commands(experiment, models[batch[0]].vector)

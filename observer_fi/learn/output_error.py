@@ -118,7 +118,7 @@ def fit(
 ) -> FitResult:
     """Gauss-Newton from `model` on, until a step gains less than `worth` [nats].
 
-    known: columns (N, 3) of some parameters from an earlier fit near by; they are kept as they are, so that a
+    known: columns (N, 3) of some parameters from an earlier fit near by; they stay as they are, so that a
     candidate costs a simulation per iteration and per new parameter only.
     """
     problem = _OutputError(experiment, model, tuple(free), known or {})

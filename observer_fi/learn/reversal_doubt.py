@@ -64,7 +64,7 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
 
 
-def less_doubt(r: Array, doubt: Doubt) -> None:
+def subtract_doubt(r: Array, doubt: Doubt) -> None:
     """Whitens normalised residuals or columns (n, 3) of one move in place."""
     part = r[doubt.first :]
     part -= ((doubt.share * (doubt.directions @ part.ravel())) @ doubt.directions).reshape(part.shape)
