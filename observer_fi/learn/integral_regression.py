@@ -92,7 +92,9 @@ def windows_of(log: Log, model: Model) -> list[Window]:
     """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
     w, smooth = _speed(log, model)
     sign = np.where(
-        np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS), np.sign(smooth), 0.0
+        np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS),
+        np.sign(smooth),
+        0.0,
     )
     channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
     sign[~np.isfinite(channels).all(axis=1)] = 0.0

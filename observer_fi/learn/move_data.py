@@ -102,7 +102,7 @@ def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
     """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
     estimates = []
     for log in logs:
-        settled = _since(log.t, np.diff(log.w_cmd, append=log.w_cmd[-1]) != 0.0)[1:-1] > _SETTLED_S
+        settled = _since_change(log.t, log.w_cmd)[1:-1] > _SETTLED_S
         second = np.abs(np.diff(log.z, 2, axis=0))[settled]
         estimates.append([_white_std(second[:, c]) for c in range(3)])
     rms = np.array(estimates)
@@ -213,9 +213,7 @@ def _part(
     weight = np.where(missing, 0.0, 1.0 / noise)
     if m == 0:
         weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
-    w_cmd = log.w_cmd[rest:end]
-    corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
-    since = _since(log.t[rest:end], corner)
+    since = _since_change(log.t[rest:end], log.w_cmd[rest:end])
     gapless = np.nan_to_num(np.stack([filled(channel) for channel in z.T], axis=1))
     brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
     return {
@@ -236,9 +234,10 @@ def _part(
     }
 
 
-def _since(t: Array, corner: NDArray[np.bool_]) -> Array:
-    """Time since the command last changed, or until just before it does [s]."""
-    last = np.maximum.accumulate(np.where(corner, np.arange(t.size), -1))
+def _since_change(t: Array, w_cmd: Array) -> Array:
+    """(n,) time since the command last changed, 0 at the sample before it does [s]; infinite before the first change."""
+    changes = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
+    last = np.maximum.accumulate(np.where(changes, np.arange(t.size), -1))
     return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
 
 
