@@ -7,12 +7,11 @@ import numpy as np
 
 from observer_fi.improve.unexplained import regressors
 from observer_fi.learn import Experiment, FitResult, run
+from observer_fi.logs import mean_square_by_phase
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
 _BINS = 24
-_START_S = 0.25
-PHASES = ("rest", "ramp", "saturated", "ringing", "steady", "stop")
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,7 @@ def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
     """Tables and curves of a fit's residuals."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     r = fitted.residuals
-    phase = phases(experiment, fitted, states)
-    by_phase = {
-        name: np.mean(r[phase == k] ** 2, axis=0) for k, name in enumerate(PHASES) if (phase == k).any()
-    }
+    by_phase = mean_square_by_phase(r, experiment.phase)
     sign = np.sign(states[:, s.W])
     curves = {
         name: _curve(values, r if name.endswith("_angle") else r * sign[:, None])
@@ -63,27 +59,6 @@ def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
         _spectrum(experiment, r, None),
         _spectrum(experiment, r, states[:, s.PHI]),
     )
-
-
-def phases(experiment: Experiment, fitted: FitResult, states: Array) -> Array:
-    """(N,) index into `PHASES`."""
-    phase = np.full(experiment.t.size, PHASES.index("steady"))
-    model = fitted.model
-    R = model["Rm"] * (1.0 + states[:, s.H]) + model["Rs"]
-    V = np.abs(R * states[:, s.CURRENT] + model["Km"] * states[:, s.W])
-    for m in range(experiment.moves):
-        rows = experiment.rows(m)
-        t = experiment.t[rows]
-        since = t - t[experiment.moving[m]]
-        knots, values = experiment.knots[experiment.log[m]]
-        w_cmd = np.interp(t, knots, values)
-        here = phase[rows]
-        here[since < _START_S] = PHASES.index("ringing")
-        here[(since >= 0.0) & (w_cmd == 0.0)] = PHASES.index("stop")
-        here[(np.abs(np.gradient(w_cmd, t)) > 1.0)] = PHASES.index("ramp")
-        here[V[rows] > model["Vmax"] - 0.05] = PHASES.index("saturated")
-        here[since < 0.0] = PHASES.index("rest")
-    return phase
 
 
 def _curve(values: Array, r: Array) -> BinnedResiduals:

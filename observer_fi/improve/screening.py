@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals, run, scales
-from observer_fi.numerics import along, less, orthonormal, self_gram
+from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows
 from observer_fi.physics import CAUSES, Cause, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -134,11 +134,11 @@ class Projector:
         pull = np.array([(f.prior - fitted.model[f.name]) / f.prior_std for f in free])
         self.basis = orthonormal(np.hstack([G, np.diag(prior)]))
         self.r = np.concatenate([self.r, pull])
-        less(self.r, along(self.basis, self.r), self.basis)
+        subtract_rows(self.r, matvec(self.basis, self.r), self.basis)
 
     def __call__(self, column: Array) -> Array:
         y = np.concatenate([self._clean(column), np.zeros(self.r.size - column.size)])
-        less(y, along(self.basis, y), self.basis)
+        subtract_rows(y, matvec(self.basis, y), self.basis)
         return y
 
     def _clean(self, column: Array) -> Array:
@@ -146,7 +146,7 @@ class Projector:
         for m, basis in enumerate(self._bases):
             rows = self.experiment.rows(m)
             y = out[3 * rows.start : 3 * rows.stop]
-            less(y, along(basis, y), basis)
+            subtract_rows(y, matvec(basis, y), basis)
         return out
 
 
@@ -157,7 +157,7 @@ def _score(
     H = self_gram(C)
     if not np.isfinite(H).all() or np.trace(H) < 1e-6:
         return None
-    gain, weights = _best_subset(H, along(C, base.r), variant.sizes)
+    gain, weights = _best_subset(H, matvec(C, base.r), variant.sizes)
     size, detectable = {}, {}
     inverse = np.linalg.pinv(H)
     for k, term in enumerate(variant.sizes):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from observer_fi.improve.screening import Projector
 from observer_fi.learn import Experiment, FitResult, run, whitened
-from observer_fi.numerics import along, compiled, self_gram
+from observer_fi.numerics import compiled, matvec, self_gram
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -148,7 +148,7 @@ def _wave(experiment: Experiment, projector: Projector, fitted: FitResult, state
     for f in _FREQUENCIES:
         wave = _sine(f, experiment.t)
         columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
-        g = along(columns, projector.r[: columns.shape[1]])
+        g = matvec(columns, projector.r[: columns.shape[1]])
         gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
         if gain > best:
             best, at = gain, f
@@ -257,10 +257,10 @@ def _judge(
 ) -> Smooth:
     """Gain of a smooth term, in all and predicted for every move from the others."""
     C = np.array([projector(column) for column in columns])
-    size = np.sqrt([along(row[None], row)[0] for row in C])
+    size = np.sqrt([matvec(row[None], row)[0] for row in C])
     good = size > 1e-9 * max(float(size.max()), 1e-300)
     C = C[good] / size[good][:, None]
-    H, g = self_gram(C), along(C, projector.r)
+    H, g = self_gram(C), matvec(C, projector.r)
     ridge = _RIDGE * np.eye(g.size)
     weights = np.linalg.solve(H + ridge, g)
     gain = 0.5 * float(g @ weights)
@@ -268,7 +268,7 @@ def _judge(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         block = C[:, 3 * rows.start : 3 * rows.stop]
-        Hm, gm = self_gram(block), along(block, projector.r[3 * rows.start : 3 * rows.stop])
+        Hm, gm = self_gram(block), matvec(block, projector.r[3 * rows.start : 3 * rows.stop])
         other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
         held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
     K = columns.shape[0]

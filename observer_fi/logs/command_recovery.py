@@ -29,6 +29,8 @@ RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a c
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
+ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
+
 Mask = NDArray[np.bool_]
 
 
@@ -39,9 +41,6 @@ class _Level(NamedTuple):
     last: int
     seen: float
     speed: float
-
-
-ABSENT = "speed_cmd_rad_s is absent"
 
 
 def with_command(log: Log, model: Model) -> Log:

@@ -1,7 +1,7 @@
 """Compilation and arithmetic on numbers or rows of numbers; no physics."""
 
 from observer_fi.numerics.compile import compiled, compiled_sources, inlined, uncounted, when_compiling
-from observer_fi.numerics.products import along, gram, less, orthonormal, self_gram, square
+from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, square, subtract_rows
 from observer_fi.numerics.rows import (
     MOST,
     Wide,
@@ -22,26 +22,31 @@ from observer_fi.numerics.rows import (
     sqrt,
     tanh,
 )
+from observer_fi.numerics.series import autocorrelation, constant_runs, correlation_time, filled, runs
 
 __all__ = [
     "MOST",
     "Wide",
     "above",
     "aligned",
-    "along",
+    "autocorrelation",
     "compiled",
     "compiled_sources",
+    "constant_runs",
+    "correlation_time",
     "cos",
     "exp",
+    "filled",
     "floor",
     "gram",
     "inlined",
     "larger",
-    "less",
     "log",
+    "matvec",
     "nothing",
     "orthonormal",
     "room",
+    "runs",
     "seldom",
     "self_gram",
     "side_by_side",
@@ -50,6 +55,7 @@ __all__ = [
     "some",
     "sqrt",
     "square",
+    "subtract_rows",
     "tanh",
     "uncounted",
     "when_compiling",

@@ -20,6 +20,7 @@ from observer_fi.logs import (
     open_log,
     read_log,
     suspect_units,
+    with_command,
 )
 from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
@@ -68,7 +69,9 @@ def diagnose(
     """
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
-    recovered = None if file.has_command or rig.driven.command else _recovered(path, rig, columns)
+    recovered = None
+    if not (file.has_command or rig.driven.command):
+        recovered = with_command(read_log(path, columns), rig.model)
     run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
     notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
@@ -77,13 +80,6 @@ def diagnose(
         "rejected_count": whole.rejected_count, "notes": tuple(notes),
     }  # fmt: skip
     return run.outcome(log_name(path), facts)
-
-
-def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
-    """The whole log with the command that its data show, noted."""
-    from observer_fi.logs import recover_command
-
-    return recover_command(read_log(path, columns), rig.model)
 
 
 def _pieces(log: Log) -> Iterator[Log]:
@@ -101,7 +97,8 @@ def diagnose_log(
 def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
-    """The verdict on a log in memory, and the bank's estimate that it rests on."""
+    """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
+    log = log if rig.driven.command else with_command(log, rig.model)
     run = Diagnosis(rig, settings, engine, filter_kind)
     estimate = run.add(log)
     facts = {

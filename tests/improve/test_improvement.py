@@ -10,7 +10,7 @@ from campaigns import campaign
 from observer_fi.errors import UsageError
 from observer_fi.improve.diagnosis_gain import Worth
 from observer_fi.improve.improvement import Improvement, improve, to_json
-from observer_fi.learn.gauss_newton import whiteness
+from observer_fi.learn.output_error import whiteness
 from observer_fi.logs.moves import Excitation
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.report.learning import improve_files, likeness, wish

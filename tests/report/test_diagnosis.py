@@ -110,8 +110,11 @@ def visible_text(html: str) -> str:
 def test_the_page_opens_with_the_verdict_and_needs_no_network(outcome: Outcome) -> None:
     html = report.files(outcome, RIG)["report.html"]
     text = visible_text(html)
-    verdict = report.NAMES[outcome.isolation.verdict.label]
-    assert text.index(verdict) < text.index(outcome.explanation) < text.index("The evidence")
+    names = {"nominal": "No fault", "overload": "Overload", "coupling_loss": "Coupling loss", "sensor_fault": "Sensor fault",
+             "unknown": "Unknown fault"}  # fmt: skip
+    headline = text[: text.index(outcome.explanation)]
+    assert [name for name in names.values() if name in headline] == [names[outcome.isolation.verdict.label]]
+    assert text.index(outcome.explanation) < text.index("The evidence")
     parser = _Text()
     parser.feed(html)
     assert parser.links == []
@@ -164,8 +167,16 @@ def test_an_outcome_without_a_verdict_is_refused() -> None:
 
 
 def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) -> None:
-    text = " ".join(report.doubts(overload))
-    assert "hypothesis" in text or "explanation" in text
+    posterior = {"overload": 0.9, "sensor_fault": 0.07, "unknown": 0.03, "nominal": 0.0}
+    close = replace(
+        overload.isolation, verdict=overload.isolation.verdict._replace(posterior=posterior, probability=0.9)
+    )
+    first = report.doubts(replace(overload, isolation=close))[0]
+    assert first == "Next best explanation: sensor fault, with 7.0 %."
+    clear = overload.isolation.verdict._replace(posterior={"overload": 1.0, "coupling_loss": 1e-9})
+    first = report.doubts(replace(overload, isolation=replace(overload.isolation, verdict=clear)))[0]
+    assert first.endswith("one part in a million; the next is coupling loss.")
+    assert "mixture says" not in " ".join(report.doubts(overload))
     other = overload.open_loop.verdict._replace(label="nominal")
     disagreeing = replace(overload, open_loop=replace(overload.open_loop, verdict=other))
     assert "mixture says no fault" in " ".join(report.doubts(disagreeing))
