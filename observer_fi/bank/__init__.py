@@ -1,6 +1,6 @@
 """The hypotheses and their filters: one interacting-multiple-model bank, compiled, and its oracle on filterpy."""
 
-from observer_fi.bank import compiled_bank, first_state, lanes, log_feed, transition
+from observer_fi.bank import compiled_bank, first_state, log_feed, transition
 from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
 from observer_fi.bank.compiled_bank import Bank, Feed
 from observer_fi.bank.filterpy_bank import FilterpyBank
@@ -21,7 +21,6 @@ __all__ = [
     "bank_rows",
     "compiled_bank",
     "first_state",
-    "lanes",
     "log_feed",
     "memory_of",
     "put",
