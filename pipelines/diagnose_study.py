@@ -6,7 +6,6 @@ Seeds from 60000 on: none of them was looked at while the bank was built.
 """
 
 import argparse
-import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -15,15 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log  # noqa: E402
-
-from observer_fi.bank import Bank, bank  # noqa: E402
-from observer_fi.logs import log_from_frame  # noqa: E402
-from observer_fi.physics import load_rig  # noqa: E402
-from observer_fi.settings import BankSettings, Settings  # noqa: E402
-from observer_fi.verdict import diagnose_log, label_of  # noqa: E402
+from observer_fi.bank import Bank, bank
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig
+from observer_fi.report import markdown_table
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict import diagnose_log, label_of
 
 FIRST_SEED = 60_000
 NAMED = ("nominal", "overload", "coupling_loss")
@@ -249,13 +247,9 @@ def _percent(flags: pd.Series) -> str:
 
 def markdown(table: pd.DataFrame) -> str:
     """A table as Markdown, numbers to three digits."""
+    rows = ([index, *row] for index, row in zip(table.index, table.values.tolist(), strict=True))
     head = [table.index.name or "", *table.columns]
-    lines = [
-        head,
-        ["---"] * len(head),
-        *([index, *row] for index, row in zip(table.index, table.values.tolist(), strict=True)),
-    ]
-    return "\n".join("| " + " | ".join(_text(cell) for cell in line) + " |" for line in lines)
+    return markdown_table(head, [[_text(cell) for cell in row] for row in rows]).rstrip()
 
 
 def _text(cell: Any) -> str:

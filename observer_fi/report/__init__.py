@@ -13,6 +13,7 @@ from observer_fi.report.learning import (
     improve_headline,
     improve_json,
 )
+from observer_fi.report.markdown import markdown_table
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "inverse_headline",
     "inverse_learning",
     "json_text",
+    "markdown_table",
     "padded",
     "page",
     "scores_table",
