@@ -29,16 +29,17 @@ from observer_fi.learn import (
     structure_of,
     tune,
 )
-from observer_fi.physics import Rig, load_rig, rig_toml, with_values
+from observer_fi.physics import Rig, colour_of, load_rig, rig_toml, with_values
 from observer_fi.records import Log
 from observer_fi.report import inverse_learning as text
-from observer_fi.report import json_text, write_file
+from observer_fi.report import json_text, still_figures, write_file
 from pipelines import emps
 
 HALF_S = 12.42  # the second half of the pulses is judged
 GUARD_S = 0.1  # filters look this far, so the first half is learned from up to here before the second
 AHEAD = 50  # samples
 ALONE, BOTH = "extended, learned on DATA_EMPS alone", "extended, learned on both"
+DRAWN = {"symmetric, published (DATA_EMPS)": colour_of("unknown"), BOTH: colour_of("nominal")}
 BASELINES = {"symmetric": "emps_published", "two directions": "emps_two_directions"}
 
 
@@ -87,6 +88,7 @@ def main(argv: list[str] | None = None) -> int:
     sections = [
         "# EMPS: what Coulomb friction alone misses",
         answer(judged),
+        "![Force that the models leave, judged half](improve.svg)\n",
         "## Force residual of every model, frozen",
         text.scores_table(
             ("DATA_EMPS [%]", "judged [%]", "judged, without the end of the filters [%]"), judged
@@ -106,6 +108,7 @@ def main(argv: list[str] | None = None) -> int:
         ),
         LEGEND,
     ]
+    write_file(args.out / "improve.svg", still_figures.svg(left_over(models, pulses)))
     write_file(args.out / "improve.md", "\n".join(sections))
     write_file(args.out / "improve.json", json_text(inverse_json(both)))
     write_file(args.out / "rig.toml", rig_toml(extended(both, "emps_extended")))
@@ -139,6 +142,16 @@ def scores(model: Fitted, learn: Motion, pulses: Motion) -> tuple[float, float, 
     inside = pulses.between(HALF_S, np.inf).use
     whole = judge(columns, solution, learn), judge(columns, solution, pulses, HALF_S)
     return *whole, relative(e[inside], y[inside])
+
+
+def left_over(models: dict[str, Fitted], pulses: Motion) -> still_figures.Figure:
+    """The force of the judged half, and what the published and the extended model leave of it."""
+    half = pulses.t >= HALF_S
+    curves = []
+    for name, colour in DRAWN.items():
+        e, force = residual_on(models[name].columns, pulses, models[name].solution)
+        curves.append(still_figures.Curve(pulses.t[half], e[half], name, colour))
+    return still_figures.force_figure(pulses.t[half], force[half], curves)
 
 
 def forward(model: Fitted, runs: list[emps.Run], logs: list[Log]) -> tuple[float, ...]:

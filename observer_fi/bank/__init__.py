@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from observer_fi.bank import compiled_bank, first_state, lanes, log_feed, transition
+from observer_fi.bank import compiled_bank, first_state, log_feed, transition
 from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
 from observer_fi.bank.compiled_bank import Bank, Feed
 from observer_fi.bank.first_state import start
@@ -25,7 +25,6 @@ __all__ = [
     "bank_rows",
     "compiled_bank",
     "first_state",
-    "lanes",
     "log_feed",
     "memory_of",
     "put",

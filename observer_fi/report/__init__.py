@@ -3,11 +3,11 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from observer_fi.physics import FAULTS, OPEN_LOOP, colour_of, words_of
 from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
+from observer_fi.report.markdown import markdown_table
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 
 if TYPE_CHECKING:
@@ -23,17 +23,10 @@ if TYPE_CHECKING:
     )
     from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
 
-_MODES = [mode for row in FAULTS.values() for mode in row.modes]
-COLOURS, WORDS, MIXTURE = {m: colour_of(m) for m in _MODES}, {m: words_of(m) for m in _MODES}, OPEN_LOOP
-
 __all__ = [
-    "COLOURS",
     "Figure",
     "MEASURED",
-    "MIXTURE",
-    "WORDS",
     "clear_leftovers",
-    "colour_of",
     "diagnose",
     "diagnosis",
     "environment",
@@ -49,6 +42,7 @@ __all__ = [
     "inverse_headline",
     "inverse_learning",
     "json_text",
+    "markdown_table",
     "padded",
     "page",
     "scores_table",

@@ -10,6 +10,7 @@ from observer_fi.physics import PARAMETERS, Rig, rig_toml
 from observer_fi.records import Fit, Parameter
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.inverse_figures import of_ladder
+from observer_fi.report.markdown import markdown_table as table
 
 # unit in the equations: unit at the mass, power of D by which a value is divided
 AT_MASS = {
@@ -21,13 +22,6 @@ AT_MASS = {
     "N m/deg": ("N/deg", 1),
     "rad/s": ("m/s", -1),
 }
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A Markdown table; floats as they are given, so format them before."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
 
 
 def at_mass(parameter: Parameter, D: float) -> tuple[float, float, float, str]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from observer_fi import learn, verdict
@@ -35,11 +35,18 @@ from observer_fi.report.result_folder import write_folder
 from observer_fi.settings import Settings
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from observer_fi.report.still_figures import Figure
 
 AnyLog = str | Path | pd.DataFrame | Log
 AnyRig = str | Path | Rig | None
 _UNITS = dict(zip(CHANNELS, ("V", "A", "m"), strict=True))
+
+
+def _still() -> ModuleType:
+    """The module that draws with matplotlib, which nothing else needs."""
+    from observer_fi.report import still_figures
+
+    return still_figures
 
 
 @dataclass(frozen=True)
@@ -75,24 +82,7 @@ class Diagnosis:
 
     def plot(self) -> "Figure":
         """Signals above, the posterior below, with the onset of each fault."""
-        from matplotlib.figure import Figure
-
-        frame = self.to_frame()
-        figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-        axes = figure.subplots(4, 1, sharex=True)
-        for ax, (channel, unit) in zip(axes[:3], _UNITS.items(), strict=True):
-            ax.plot(frame["time_s"], frame[f"{channel}_{unit.lower()}"], linewidth=0.8)
-            ax.set_ylabel(f"{channel} [{unit}]")
-        for mode in self.outcome.modes:
-            axes[3].plot(frame["time_s"], frame[f"p_{mode}"], label=mode, linewidth=1.0)
-        axes[3].set(xlabel="time [s]", ylabel="probability", ylim=(-0.02, 1.02))
-        axes[3].legend(fontsize="small", ncols=3)
-        for event in self.outcome.isolation.events if self.outcome.isolation else ():
-            if event.onset_s is not None:
-                for ax in axes:
-                    ax.axvline(event.onset_s, color="black", linestyle=":", linewidth=1.0)
-        figure.suptitle(diagnosis_report.headline(self.outcome))
-        return figure
+        return _still().diagnosis_figure(self.outcome)
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(diagnosis_report.headline(self.outcome))}</b></p><p>{escape(self.outcome.explanation)}</p>"
@@ -125,18 +115,7 @@ class Identification:
 
     def plot(self) -> "Figure":
         """Values with their 95 % intervals, relative to what they were before."""
-        from matplotlib.figure import Figure
-
-        frame = self.to_frame()
-        known = frame[np.isfinite(frame["prior"]) & (frame["prior"] != 0.0)]
-        scale, ratio = known["prior"].abs(), known["value"] / known["prior"].abs()
-        wide = [(known["value"] - known["low"]) / scale, (known["high"] - known["value"]) / scale]
-        figure = Figure(figsize=(7.0, 0.4 * len(known) + 1.2), layout="constrained")
-        ax = figure.subplots()
-        ax.errorbar(ratio, known.index, xerr=np.abs(np.array(wide)), fmt="o", capsize=3)
-        ax.axvline(1.0, color="black", linestyle=":", linewidth=1.0)
-        ax.set_xlabel("value, of the value before")
-        return figure
+        return _still().interval_figure(self.to_frame())
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(self.verdict)}</b></p>{self.to_frame().to_html()}"
@@ -168,14 +147,7 @@ class Improved:
 
     def plot(self) -> "Figure":
         """What each cause gains on moves that no fit saw."""
-        from matplotlib.figure import Figure
-
-        frame = self.to_frame()
-        figure = Figure(figsize=(7.0, 0.4 * len(frame) + 1.2), layout="constrained")
-        ax = figure.subplots()
-        ax.barh(frame["cause"], frame["heldout_nll_drop_per_sample"])
-        ax.set_xlabel("held-out gain [nats per sample]")
-        return figure
+        return _still().gain_figure(self.to_frame())
 
     def _repr_html_(self) -> str:
         return f"<p><b>{escape(self.verdict)}</b></p>{self.to_frame().to_html()}"

@@ -35,7 +35,7 @@ def logs(recorded_data):
         emps.find_folder(recorded_data)
     except UsageError as error:
         pytest.skip(str(error))
-    return emps.to_logs(recorded_data)
+    return [emps.to_log(emps.load(name, recorded_data)) for name in emps.FILES]
 
 
 # --- the loader ---
