@@ -90,7 +90,7 @@ def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[
         "unexplained": smooth,
         "seconds": time.perf_counter() - began,
         "errors": _errors(record, truth),
-        "gain_share": _gain_share(record, _log(case, clean)),
+        "gain_share": _gain_share(record, log, _log(case, clean)),
     }
     if not case.inside:
         effect = truth["effects"][0]
@@ -110,11 +110,11 @@ def _log(case: Case, frame: Any) -> Log:
     )
 
 
-def _gain_share(record: Improvement, clean: Log) -> float | None:
+def _gain_share(record: Improvement, noisy: Log, clean: Log) -> float | None:
     """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
     if not record.findings:
         return None
-    experiment = record.experiment
+    experiment = prepare([noisy], record.rig)
     noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
     possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
     won = record.baseline.nll_per_sample - record.extended.nll_per_sample

@@ -29,7 +29,7 @@ from observer_fi.learn.joint_likelihood import (
 from observer_fi.learn.kinematic_breaks import Breaks, find_breaks
 from observer_fi.learn.move_data import cut_moves
 from observer_fi.logs import Phase, log_segments, phases, with_command
-from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
+from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, with_values
 from observer_fi.physics import equations as a
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
@@ -307,9 +307,7 @@ def _free(material: Sequence[Material], values: Mapping[str, float], told: set[s
 
 def _effect(name: str, value: float) -> Free:
     """An effect that the rig names: free within its physical bounds."""
-    terms = [t for cause in CAUSES.values() for v in cause.variants for t in v.terms if t.parameter == name]
-    low, high = (terms[0].low, terms[0].high) if terms else (-math.inf, math.inf)
-    return Free(name, 1e-2 * abs(value), low, high)
+    return Free(name, 1e-2 * abs(value), *bounds(name, value))
 
 
 def _weak(fitted: JointFit, told: set[str]) -> set[str]:
@@ -396,7 +394,7 @@ def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str,
     """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
     codes, residuals = [], []
     for one in fit.figures.get("fits", []):
-        log = logs[one["log"]]
+        log = with_command(logs[one["log"]], model)
         phase_of = np.full(log.t.size, int(Phase.REST))
         for move in log_segments(log):
             phase_of[move.rest : move.end] = phases(move, log.t, log.w_cmd, log.z, model)
