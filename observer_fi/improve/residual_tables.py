@@ -131,17 +131,21 @@ def _rising(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _spectrum(pieces: Iterable[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Power of residuals (n, C) over the reciprocal of x (n,): mean over the pieces that are long enough."""
-    size, pitch, moves = _POINTS, 1.0, 0
-    power: Array = np.zeros((size // 2 + 1, 0))
-    window = np.hanning(size)
+    """Power of residuals (n, C) over the reciprocal of x (n,): mean over the pieces that are long enough.
+
+    Pieces that cover more or less of x have other frequencies: those of the one in the middle stand for all.
+    """
+    window = np.hanning(_POINTS)
+    found = []
     for x, y in pieces:
         if x.size < _FEWEST:
             continue
-        grid = np.linspace(x[0], x[-1], size)
-        pitch = (x[-1] - x[0]) / (size - 1)
+        grid = np.linspace(x[0], x[-1], _POINTS)
         lines = np.stack([np.interp(grid, x, column) for column in y.T], axis=1)
-        one = np.abs(np.fft.rfft((lines - lines.mean(axis=0)) * window[:, None], axis=0)) ** 2
-        power = one / np.sum(window**2) + (power if moves else 0.0)
-        moves += 1
-    return np.asarray(np.fft.rfftfreq(size, pitch), dtype=float), power / max(moves, 1)
+        power = np.abs(np.fft.rfft((lines - lines.mean(axis=0)) * window[:, None], axis=0)) ** 2
+        found.append((np.fft.rfftfreq(_POINTS, grid[1] - grid[0]), power / np.sum(window**2)))
+    if not found:
+        return np.zeros(0), np.zeros((0, 0))
+    shown: Array = sorted((frequency for frequency, _ in found), key=lambda f: float(f[-1]))[len(found) // 2]
+    each = [np.stack([np.interp(shown, f, p) for p in power.T], axis=1) for f, power in found]
+    return shown, np.mean(each, axis=0)

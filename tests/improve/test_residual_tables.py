@@ -9,8 +9,8 @@ from force_rig import DRAG, VISCOUS, D, Truth, log, rig
 
 from observer_fi.improve.calculated_force import calculated_force
 from observer_fi.improve.residual_tables import CHANNELS, PHASES, phases, residual_tables
-from observer_fi.learn.gauss_newton import fit
-from observer_fi.learn.move_data import prepare, run
+from observer_fi.improve.simulated_moves import simulated_moves
+from observer_fi.learn.move_data import run
 from observer_fi.physics import simulation as s
 from observer_fi.physics.rigs import load_rig
 
@@ -19,8 +19,8 @@ RIG = load_rig()
 
 @pytest.fixture(scope="module")
 def fitted():
-    experiment = prepare([campaign(seed=6, speeds=(410.0,), hold=0.6)], RIG)
-    return experiment, fit(experiment, RIG.model, ())
+    problem = simulated_moves([campaign(seed=6, speeds=(410.0,), hold=0.6)], RIG)
+    return problem.experiment, problem.baseline()
 
 
 def with_residual(fitted, values):
@@ -33,7 +33,8 @@ def test_a_good_model_leaves_white_noise_everywhere(fitted):
     for name in ("steady", "rest", "saturated"):
         assert found.by_phase[name] == pytest.approx(np.ones(3), abs=0.35), name
     power = found.spectrum[1][5:400]
-    assert power.mean(axis=0) == pytest.approx(np.ones(3), abs=0.3)
+    assert (power.mean(axis=0) > 0.5).all()  # the even grid takes some of the fast noise away
+    assert power.max() < 6.0  # a mean of four exponential variables, the largest of 1200
 
 
 def test_phases_follow_the_command(fitted):
@@ -89,9 +90,8 @@ def test_a_wave_stands_in_its_order_and_its_frequency(fitted):
     assert order[np.argmax(power[:, 1])] == pytest.approx(3.0, abs=0.1)
 
 
-def test_force_tables_show_a_spring_over_the_position_and_a_ripple_in_its_order():
-    stiffness = 30.0
-    force = calculated_force([log(Truth(DRAG, DRAG, ripple=2.0, field=stiffness), 10.0)], rig(**VISCOUS))
+def test_force_tables_show_a_ripple_in_its_order():
+    force = calculated_force([log(Truth(DRAG, DRAG, ripple=4.0), 10.0)], rig(**VISCOUS))
     found = force.tables(force.baseline())
     assert (found.channels, found.unit) == (("force",), "N")
     assert set(found.by_phase) == {"ramp", "steady"}
