@@ -16,7 +16,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.improve import (
     CalculatedForce,
-    Naming,
+    Ladder,
     calculated_force,
     improvement_of,
     name_causes,
@@ -74,7 +74,7 @@ class Learned(NamedTuple):
     """What was learned from, and the causes that were named."""
 
     problem: CalculatedForce
-    naming: Naming[Solution]
+    ladder: Ladder[Solution]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -133,7 +133,7 @@ def problems(rig: Rig, training: tuple[Motion, ...]) -> tuple[CalculatedForce, C
 
 def final(learned: Learned) -> Fitted:
     """The model with every cause."""
-    return Fitted(learned.problem.rig, learned.problem.columns, learned.naming.extended)
+    return Fitted(learned.problem.rig, learned.problem.columns, learned.ladder.extended)
 
 
 def baselines(learn: Motion, training: tuple[Motion, ...]) -> dict[str, Fitted]:
@@ -207,8 +207,8 @@ def judge(columns: Columns, solution: Solution, motion: Motion, start_s: float =
 
 def story(learned: Learned, pulses: Motion, learned_on: str) -> list[str]:
     """Causes in order, what only moved, what belongs to one log, what is left, and what was not found."""
-    (problem, naming), record = learned, improvement_of(*learned)
-    fits = (naming.baseline, *naming.path)
+    (problem, ladder), record = learned, improvement_of(*learned)
+    fits = (ladder.baseline, *ladder.path)
     judged = [judge(problem.columns, one, pulses, HALF_S) for one in fits]
     seen = [relative(held_out(one), one.force) for one in fits]
     return [
@@ -218,7 +218,7 @@ def story(learned: Learned, pulses: Motion, learned_on: str) -> list[str]:
         "To be surer, or to tell rivals apart, record:\n",
         text.separation_list(record),
         text.refit_table(record),
-        text.per_log_table(naming.extended, problem.rig.model["D"]),
+        text.per_log_table(ladder.extended, problem.rig.model["D"]),
         "What the rest of the residual depends on (equation: torque):\n",
         text.unexplained_table(record),
         "Not found (a ΔBIC above zero: the held-out residual fell by less than 3 %):\n",

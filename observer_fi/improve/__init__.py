@@ -14,9 +14,14 @@ from observer_fi.improve.improvement import (
     to_json,
 )
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.problem import Naming
+from observer_fi.improve.problem import Ladder
 from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.smoothed_disturbance import DRAWN, BinnedDisturbance, Latent, free_equations
+from observer_fi.improve.smoothed_disturbance import (
+    DRAWN,
+    BinnedDisturbance,
+    SmoothedDisturbance,
+    free_equations,
+)
 from observer_fi.improve.unexplained import Smooth
 
 __all__ = [
@@ -28,8 +33,8 @@ __all__ = [
     "FoundCause",
     "Improvement",
     "LOOKS_LIKE",
-    "Latent",
-    "Naming",
+    "SmoothedDisturbance",
+    "Ladder",
     "Residuals",
     "Smooth",
     "Value",

@@ -25,9 +25,9 @@ from observer_fi.improve.force_screening import (
 )
 from observer_fi.improve.freed_equations import FreedEquation
 from observer_fi.improve.keep_curve import Kept
-from observer_fi.improve.problem import Candidate, HeldOut, Measure, Naming, Step, Trial
+from observer_fi.improve.problem import Candidate, HeldOut, Ladder, Measure, Step, Trial
 from observer_fi.improve.residual_tables import Residuals, force_tables
-from observer_fi.improve.smoothed_disturbance import Latent
+from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.unexplained import Smooth, follows
 from observer_fi.learn import (
     TIMING,
@@ -254,8 +254,8 @@ class CalculatedForce:
             structure = candidate.taken_from(structure, self._baseline.structure)
         return solve(self.columns, self.motions, structure)
 
-    def reconsidered(self, naming: Naming[Solution]) -> Naming[Solution]:
-        return naming
+    def reconsidered(self, ladder: Ladder[Solution]) -> Ladder[Solution]:
+        return ladder
 
     # --- what is reported -------------------------------------------------------------------------
 
@@ -274,19 +274,19 @@ class CalculatedForce:
     def tables(self, fitted: Solution) -> Residuals:
         return force_tables(self.motions, fitted, self.rig)
 
-    def unexplained(self, naming: Naming[Solution]) -> tuple[Smooth, ...]:
-        return follows(self.motions, naming.extended, self.rig, self.settings.report)
+    def unexplained(self, ladder: Ladder[Solution]) -> tuple[Smooth, ...]:
+        return follows(self.motions, ladder.extended, self.rig, self.settings.report)
 
-    def freed(self, baseline: Solution) -> tuple[tuple[FreedEquation, ...], tuple[Latent, ...]]:
+    def freed(self, baseline: Solution) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
         return (), ()
 
     def kept(self, fitted: Solution, left: Sequence[Smooth]) -> tuple[Solution, Kept] | None:
         return None
 
-    def extended_rig(self, naming: Naming[Solution]) -> Rig:
-        causes = ", ".join(name for step in naming.steps for name in step.trial.causes)
+    def extended_rig(self, ladder: Ladder[Solution]) -> Rig:
+        causes = ", ".join(name for step in ladder.steps for name in step.trial.causes)
         source = f"{self.rig.source}; extended by {causes or 'nothing'}"
-        return extended_rig(self.rig, naming.extended, f"{self.rig.name}_extended", source)
+        return extended_rig(self.rig, ladder.extended, f"{self.rig.name}_extended", source)
 
     def excitations(self) -> tuple[Excitation, ...]:
         return tuple(_excitation(m, self.columns.D) for m in self.motions)

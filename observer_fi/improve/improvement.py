@@ -10,10 +10,10 @@ from observer_fi.improve.calculated_force import calculated_force
 from observer_fi.improve.freed_equations import FreedEquation
 from observer_fi.improve.keep_curve import Kept
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.problem import Candidate, F, Measure, Naming, Problem, Step
+from observer_fi.improve.problem import Candidate, F, Ladder, Measure, Problem, Step
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
-from observer_fi.improve.smoothed_disturbance import Latent
+from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.unexplained import Smooth
 from observer_fi.learn import Experiment, FitResult, with_servo
 from observer_fi.logs import Excitation, with_command
@@ -61,7 +61,7 @@ class Improvement:
     stands for what is unexplained in the extended rig, if it was asked for (keep_unexplained) and helps. detectable: for each
     cause the smallest size that these logs could have shown, by parameter, or None where they cannot speak about the cause.
     refused: causes that were tried last, with their net nats. freed: for each equation of the refitted rig how much the data
-    want it free, the most wanted first; latents: what that looks like; both empty where no move is simulated. excitations:
+    want it free, the most wanted first; disturbances: what that looks like; both empty where no move is simulated. excitations:
     what each log holds.
     """
 
@@ -81,7 +81,7 @@ class Improvement:
     before: Residuals
     after: Residuals
     freed: tuple[FreedEquation, ...]
-    latents: tuple[Latent, ...]
+    disturbances: tuple[SmoothedDisturbance, ...]
     excitations: tuple[Excitation, ...]
 
 
@@ -107,45 +107,45 @@ def improve(
         return improvement_of(force, name_causes(force, progress), progress)
     commanded = [with_command(log, rig.model) for log in logs]
     problem = simulated_moves(commanded, with_servo(commanded, rig), moves, settings)
-    naming = problem.reconsidered(name_causes(problem, progress))
-    return improvement_of(problem, naming, progress, keep_unexplained)
+    ladder = problem.reconsidered(name_causes(problem, progress))
+    return improvement_of(problem, ladder, progress, keep_unexplained)
 
 
 def improvement_of(
     problem: Problem[F],
-    naming: Naming[F],
+    ladder: Ladder[F],
     progress: Callable[[str], None] = lambda text: None,
     keep_unexplained: bool = False,
 ) -> Improvement:
     """The record of what was named: the rest looked at, before and after measured."""
     progress("which equation the data want to free")
-    freed, latents = problem.freed(naming.baseline)
+    freed, disturbances = problem.freed(ladder.baseline)
     progress("what stays unexplained")
-    left = problem.unexplained(naming)
-    found = problem.kept(naming.extended, left) if keep_unexplained else None
+    left = problem.unexplained(ladder)
+    found = problem.kept(ladder.extended, left) if keep_unexplained else None
     kept = found[1] if found else None
     if found:
-        naming = replace(naming, extended=found[0])
-    baseline = problem.measure(naming.baseline)
-    extended_rig = problem.extended_rig(naming)
+        ladder = replace(ladder, extended=found[0])
+    baseline = problem.measure(ladder.baseline)
+    extended_rig = problem.extended_rig(ladder)
     return Improvement(
         problem.rig,
         with_curve(extended_rig, kept.curve) if kept else extended_rig,
         problem.parts,
         problem.sample_count,
         baseline,
-        problem.measure(naming.extended) if naming.steps or kept else baseline,
-        refit_of(problem, naming),
-        findings_of(problem, naming),
+        problem.measure(ladder.extended) if ladder.steps or kept else baseline,
+        refit_of(problem, ladder),
+        findings_of(problem, ladder),
         left,
         keep_unexplained,
         kept,
-        detectable(naming.screened),
-        naming.refused,
-        problem.tables(naming.baseline),
-        problem.tables(naming.extended),
+        detectable(ladder.screened),
+        ladder.refused,
+        problem.tables(ladder.baseline),
+        problem.tables(ladder.extended),
         freed,
-        latents,
+        disturbances,
         problem.excitations(),
     )  # fmt: skip
 
@@ -156,12 +156,12 @@ def refitted(logs: Sequence[Log], rig: Rig) -> tuple[Experiment, FitResult]:
     return problem.experiment, problem.baseline()
 
 
-def findings_of(problem: Problem[F], naming: Naming[F]) -> tuple[FoundCause, ...]:
+def findings_of(problem: Problem[F], ladder: Ladder[F]) -> tuple[FoundCause, ...]:
     """The accepted causes in order, with their final sizes."""
-    values = problem.values(naming.extended)
+    values = problem.values(ladder.extended)
     return tuple(
-        _finding(problem, naming.extended, values, number, step, candidate, net)
-        for number, step in enumerate(naming.steps, start=1)
+        _finding(problem, ladder.extended, values, number, step, candidate, net)
+        for number, step in enumerate(ladder.steps, start=1)
         for candidate, net in zip(step.trial.candidates, step.trial.nets, strict=True)
     )
 
@@ -197,12 +197,12 @@ def parameters_of_variant(candidate: Candidate) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def refit_of(problem: Problem[F], naming: Naming[F]) -> dict[str, Value]:
+def refit_of(problem: Problem[F], ladder: Ladder[F]) -> dict[str, Value]:
     """Parameters that only moved: of everything that is free in the extended model, those that no finding speaks of."""
-    named = {n for s in naming.steps for c in s.trial.candidates for n in parameters_of_variant(c)}
+    named = {n for s in ladder.steps for c in s.trial.candidates for n in parameters_of_variant(c)}
     return {
         name: Value(value, std, problem.rig.model[name], PARAMETERS[name][0])
-        for name, (value, std) in problem.values(naming.extended).items()
+        for name, (value, std) in problem.values(ladder.extended).items()
         if name not in named
     }
 

@@ -1,4 +1,4 @@
-"""Naming what the equations of a rig get wrong: one cause at a time, each judged on samples that the fit never saw.
+"""Names what the equations of a rig get wrong: one cause at a time, each judged on samples that the fit never saw.
 
 Score every variant of the vocabulary, refit the leading ones together with everything else, accept the best one that pays
 for its parameters and helps on what was held out; then ask again. In the end each step must still earn its place beside the
@@ -7,10 +7,10 @@ others. The columns, the fit and the rule for what is held out belong to the pro
 
 from collections.abc import Callable, Sequence
 
-from observer_fi.improve.problem import Candidate, F, Naming, Problem, Step, Trial
+from observer_fi.improve.problem import Candidate, F, Ladder, Problem, Step, Trial
 
 
-def name_causes(problem: Problem[F], progress: Callable[[str], None] = lambda text: None) -> Naming[F]:
+def name_causes(problem: Problem[F], progress: Callable[[str], None] = lambda text: None) -> Ladder[F]:
     """Refit, then name one cause after the other until nothing pays."""
     progress("refit of the rig")
     baseline = fitted = problem.baseline()
@@ -30,7 +30,7 @@ def name_causes(problem: Problem[F], progress: Callable[[str], None] = lambda te
         progress("does each cause still stand")
         fitted, steps = still_standing(problem, fitted, steps)
     refused = tuple((name, net) for t in trials for name, net in zip(t.causes, t.nets, strict=True))
-    return Naming(baseline, fitted, tuple(steps), tuple(path), refused, tuple(candidates))
+    return Ladder(baseline, fitted, tuple(steps), tuple(path), refused, tuple(candidates))
 
 
 def next_step(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from observer_fi.improve.freed_equations import FreedEquation
     from observer_fi.improve.keep_curve import Kept
     from observer_fi.improve.residual_tables import Residuals
-    from observer_fi.improve.smoothed_disturbance import Latent
+    from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
     from observer_fi.improve.unexplained import Smooth
 
 F = TypeVar("F")  # what a fit of the problem is
@@ -74,7 +74,7 @@ class Step(Generic[F]):
 
 
 @dataclass(frozen=True)
-class Naming(Generic[F]):
+class Ladder(Generic[F]):
     """What the ladder found: the refitted rig, the fit with every accepted cause, and the steps in order.
 
     path: the fit after each step as it was accepted. refused: what was tried last, with its net nats. screened: the scores
@@ -146,7 +146,7 @@ class Problem(Protocol[F]):
     def without(self, fitted: F, candidates: Sequence[Candidate]) -> F:
         """The fit with accepted candidates taken out again."""
 
-    def reconsidered(self, naming: Naming[F]) -> Naming[F]:
+    def reconsidered(self, ladder: Ladder[F]) -> Ladder[F]:
         """The same, where what was named puts the baseline in doubt, from another one."""
 
     # --- the report ---
@@ -163,16 +163,16 @@ class Problem(Protocol[F]):
     def tables(self, fitted: F) -> "Residuals":
         """Residuals of a fit from every side."""
 
-    def unexplained(self, naming: Naming[F]) -> "tuple[Smooth, ...]":
+    def unexplained(self, ladder: Ladder[F]) -> "tuple[Smooth, ...]":
         """What the extended model still depends on, the best first."""
 
-    def freed(self, baseline: F) -> "tuple[tuple[FreedEquation, ...], tuple[Latent, ...]]":
+    def freed(self, baseline: F) -> "tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]":
         """Which equations the data want to free, and what that looks like; empty where nothing is simulated."""
 
     def kept(self, fitted: F, left: "Sequence[Smooth]") -> "tuple[F, Kept] | None":
         """What stays unexplained as an empirical curve of the rig, if it helps. Raises UsageError where it cannot."""
 
-    def extended_rig(self, naming: Naming[F]) -> Rig:
+    def extended_rig(self, ladder: Ladder[F]) -> Rig:
         """The rig with everything that was fitted."""
 
     def excitations(self) -> tuple[Excitation, ...]:

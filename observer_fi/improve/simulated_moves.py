@@ -21,10 +21,10 @@ from observer_fi.improve.misfit import (
     position_dust,
     raw_excess,
 )
-from observer_fi.improve.problem import Candidate, HeldOut, Measure, Naming, Step, Trial
+from observer_fi.improve.problem import Candidate, HeldOut, Ladder, Measure, Step, Trial
 from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.screening import coverage_of, refit, screen, without
-from observer_fi.improve.smoothed_disturbance import Latent, free_equations
+from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance, free_equations
 from observer_fi.improve.unexplained import Smooth, rest_steps, slow_excess, smooth_terms
 from observer_fi.learn import (
     Experiment,
@@ -285,32 +285,32 @@ class SimulatedMoves:
     def without(self, fitted: FitResult, candidates: Sequence[Candidate]) -> FitResult:
         return without(self.experiment, fitted, candidates[0].variant)
 
-    def reconsidered(self, naming: Naming[FitResult]) -> Naming[FitResult]:
+    def reconsidered(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """Without the stops that were found, where the causes leave these nothing to explain."""
-        if self.model == self.rig.model or self._stops_matter(naming):
-            return naming
+        if self.model == self.rig.model or self._stops_matter(ladder):
+            return ladder
         plain = replace(self, model=self.rig.model)
         fitted = plain.baseline()
         steps, path = [], []
-        for step in naming.steps:
+        for step in ladder.steps:
             after = plain.settled(fitted, step.trial)
             gain, price = fitted.objective - after.objective, step.trial.gain - step.trial.nets[0]
             trial = Trial(step.trial.candidates, after, gain, (gain - price,))
             steps.append(Step(trial, plain._gain(fitted, after)[1], step.rivals))
             path.append(fitted := after)
         return replace(
-            naming, baseline=plain.baseline(), extended=fitted, steps=tuple(steps), path=tuple(path)
+            ladder, baseline=plain.baseline(), extended=fitted, steps=tuple(steps), path=tuple(path)
         )
 
-    def _stops_matter(self, naming: Naming[FitResult]) -> bool:
+    def _stops_matter(self, ladder: Ladder[FitResult]) -> bool:
         """Whether the stops that were found still explain something once the causes are named.
 
         What they explained before may have been another cause: a lag of the current looks like a stop at the end of the travel.
         A stop that touches nothing would leave its place and depth to chance.
         """
-        if any(CAUSES[name].equation == "contact" for step in naming.steps for name in step.trial.causes):
+        if any(CAUSES[name].equation == "contact" for step in ladder.steps for name in step.trial.causes):
             return True
-        fitted, given = naming.extended, self.rig.model
+        fitted, given = ladder.extended, self.rig.model
         stops = {name: given[name] for name in ("x_stop_high", "x_stop_low")}
         gone = {name for name, place in stops.items() if math.isinf(place)}
         gone |= {"C", "E"} if len(gone) == 2 else set()
@@ -350,15 +350,15 @@ class SimulatedMoves:
     def tables(self, fitted: FitResult) -> Residuals:
         return residual_tables(self.experiment, fitted)
 
-    def unexplained(self, naming: Naming[FitResult]) -> tuple[Smooth, ...]:
+    def unexplained(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
         """The smooth terms that the extended model still asks for, the best first."""
-        experiment, r = self.experiment, naming.extended.residuals
+        experiment, r = self.experiment, ladder.extended.residuals
         n = int((experiment.weight > 0.0).sum())
         whole = max(raw_excess(experiment, r), *(raw_excess(experiment, r, c) for c in range(3)))
-        least = dust(experiment, excess(experiment, naming.baseline.residuals))
+        least = dust(experiment, excess(experiment, ladder.baseline.residuals))
         slow = slow_excess(experiment, r) > _SLOW_SHARE * least
-        terms = smooth_terms(experiment, naming.extended, whole) if slow else []
-        steps = rest_steps(experiment, naming.extended)  # their share is that of the steps themselves
+        terms = smooth_terms(experiment, ladder.extended, whole) if slow else []
+        steps = rest_steps(experiment, ladder.extended)  # their share is that of the steps themselves
         terms = sorted([*terms, *steps], key=lambda term: -term.held_out)
         if not terms:
             return ()
@@ -381,17 +381,17 @@ class SimulatedMoves:
             whole = raw_excess(self.experiment, r, _SENSORS.index(term.equation))
         return min(term.held_out / max(whole, term.gain, 1e-300), 1.0)
 
-    def freed(self, baseline: FitResult) -> tuple[tuple[FreedEquation, ...], tuple[Latent, ...]]:
+    def freed(self, baseline: FitResult) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
         return free_equations(self.experiment, baseline)
 
     def kept(self, fitted: FitResult, left: Sequence[Smooth]) -> tuple[FitResult, Kept] | None:
         found = keep(self.experiment, fitted, left)
         return (found.fitted, found) if found else None
 
-    def extended_rig(self, naming: Naming[FitResult]) -> Rig:
-        fitted = naming.extended
+    def extended_rig(self, ladder: Ladder[FitResult]) -> Rig:
+        fitted = ladder.extended
         values = {name: value for name, (value, _) in self.values(fitted).items()}
-        fixed = {name: v for s in naming.steps for c in s.trial.candidates for name, v in c.variant.fixed}
+        fixed = {name: v for s in ladder.steps for c in s.trial.candidates for name, v in c.variant.fixed}
         return with_values(self.rig, values | fixed, fitted.std, "improve")
 
     def excitations(self) -> tuple[Excitation, ...]:

@@ -8,7 +8,7 @@ from observer_fi.improve import (
     CLOSE_SHARE,
     WANTED_NATS,
     Improvement,
-    Latent,
+    SmoothedDisturbance,
     Value,
     Worth,
     to_json,
@@ -16,7 +16,7 @@ from observer_fi.improve import (
 from observer_fi.logs import Excitation
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
 from observer_fi.records import Array, Fit, Parameter
-from observer_fi.report import freed_figures, learning_figures
+from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, number, versions
 
 Gain = tuple[Worth, Worth] | None
@@ -28,13 +28,13 @@ def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -
     gain: `diagnose` with either rig, None where it cannot tell this rig's faults.
     """
     drawn = learning_figures.of_improve(record)
-    latents = freed_figures.of_freed(record.latents)
+    disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[held(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
-        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
-        handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=wish(record), likeness=likeness(record),
+        handy=disturbance_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
         not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
         form=form, smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
@@ -43,7 +43,7 @@ def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -
         "report.html": html,
         "rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
-        **{f"latent_{k + 1}.svg": svg for k, svg in enumerate(latents)},
+        **{f"disturbance_{k + 1}.svg": svg for k, svg in enumerate(disturbances)},
     }
 
 
@@ -127,11 +127,14 @@ EQUATIONS = {
 }  # fmt: skip
 
 
-def shape(latent: Latent) -> str:
+def shape(disturbance: SmoothedDisturbance) -> str:
     """What a disturbance goes with, in a sentence."""
-    if not latent.goes_with:
+    if not disturbance.goes_with:
         return "No quantity below predicts more than half of it in moves that were left out."
-    names = [f"the {plain(name)} ({100.0 * latent.curves[name].share:.0f} %)" for name in latent.goes_with]
+    names = [
+        f"the {plain(name)} ({100.0 * disturbance.curves[name].share:.0f} %)"
+        for name in disturbance.goes_with
+    ]
     return f"It goes best with {' or '.join(names)}."
 
 

@@ -1,4 +1,4 @@
-"""Naming causes of a force-driven rig, on a rig that shares no code with the package (force_rig.py)."""
+"""Causes of a force-driven rig, on a rig that shares no code with the package (force_rig.py)."""
 
 import json
 from dataclasses import replace
@@ -23,8 +23,8 @@ def problem(truth: Truth, own: Rig, seed: int = 1) -> CalculatedForce:
 
 
 def named(truth: Truth, own: Rig, seed: int = 1) -> list[str]:
-    naming = name_causes(problem(truth, own, seed))
-    return [name for step in naming.steps for name in step.trial.causes]
+    ladder = name_causes(problem(truth, own, seed))
+    return [name for step in ladder.steps for name in step.trial.causes]
 
 
 def improved(truth: Truth, own: Rig) -> Improvement:
@@ -65,10 +65,10 @@ def test_one_cause_is_named(cause):
 def test_all_at_once_with_their_sizes():
     truth = Truth(DRAG, 210.0, -7.0, 0.012, 1.0, 1.0, 3e-4)
     force = problem(truth, rig())
-    naming = name_causes(force)
+    ladder = name_causes(force)
     wanted = {"viscous_friction", "asymmetric_friction", "stribeck_friction", "shaft_ripple", "input_delay"}
-    assert {name for step in naming.steps for name in step.trial.causes} == wanted
-    found = parameters_of(naming.extended)
+    assert {name for step in ladder.steps for name in step.trial.causes} == wanted
+    found = parameters_of(ladder.extended)
     # actuator.py: torque += sin c sin(phi) + cos c cos(phi); the truth has sin(phi + 1)
     true = {
         "J": MASS * D**2, "A": COULOMB * D, "viscous_positive": DRAG * D**2, "viscous_negative": 210.0 * D**2,
@@ -80,9 +80,9 @@ def test_all_at_once_with_their_sizes():
         share = {"J": 0.002, "input_delay": 0.075}.get(name, 0.03)  # 0.06 ms of delay
         error = abs(found[name][0] - value)
         assert error <= max(3.0 * found[name][1], share * abs(value)), name
-    delay = next(step for step in naming.steps if "input_delay" in step.trial.causes)
+    delay = next(step for step in ladder.steps if "input_delay" in step.trial.causes)
     assert {"current_lag", "position_delay"} <= set(delay.rivals["input_delay"])
-    assert len(naming.path) == 5 and naming.path[-1].rss < naming.path[0].rss < naming.baseline.rss
+    assert len(ladder.path) == 5 and ladder.path[-1].rss < ladder.path[0].rss < ladder.baseline.rss
 
 
 def test_outside_the_vocabulary_ends_as_unexplained():

@@ -68,22 +68,22 @@ def names(steps: Sequence[Step[Model]]) -> list[str]:
 
 
 def test_the_largest_gain_is_named_first_and_what_does_not_pay_is_refused():
-    naming = name_causes(Table(independent({A: 50.0, B: 200.0, C: 4.0})))
-    assert names(naming.steps) == [B, A]
-    assert naming.extended == {A, B} and naming.path == ({B}, {A, B})
-    assert dict(naming.refused) == {C: -1.0, D: -5.0, E: -5.0}
-    assert [c.cause.name for c in naming.screened] == [C, D, E]
+    ladder = name_causes(Table(independent({A: 50.0, B: 200.0, C: 4.0})))
+    assert names(ladder.steps) == [B, A]
+    assert ladder.extended == {A, B} and ladder.path == ({B}, {A, B})
+    assert dict(ladder.refused) == {C: -1.0, D: -5.0, E: -5.0}
+    assert [c.cause.name for c in ladder.screened] == [C, D, E]
 
 
 def test_a_cause_that_fails_on_held_out_samples_is_passed_over_for_the_next():
-    naming = name_causes(Table(independent({A: 50.0, B: 200.0}), lies=(B,)))
-    assert names(naming.steps) == [A]
-    assert dict(naming.refused)[B] == 195.0
+    ladder = name_causes(Table(independent({A: 50.0, B: 200.0}), lies=(B,)))
+    assert names(ladder.steps) == [A]
+    assert dict(ladder.refused)[B] == 195.0
 
 
 def test_nothing_is_named_where_nothing_pays():
-    naming = name_causes(Table(independent({A: 4.9})))
-    assert naming.steps == () and naming.extended == naming.baseline == frozenset()
+    ladder = name_causes(Table(independent({A: 4.9})))
+    assert ladder.steps == () and ladder.extended == ladder.baseline == frozenset()
 
 
 def test_rivals_are_told_with_the_cause():
@@ -103,10 +103,10 @@ def stand_in(model: Model) -> float:
 
 
 def test_a_cause_is_dropped_when_others_have_taken_its_place():
-    naming = name_causes(Table(stand_in))
-    assert list(dict.fromkeys(names(naming.steps))) == [B, C]
-    assert naming.extended == {B, C}
-    assert naming.path[0] == {A}  # it was named first
+    ladder = name_causes(Table(stand_in))
+    assert list(dict.fromkeys(names(ladder.steps))) == [B, C]
+    assert ladder.extended == {B, C}
+    assert ladder.path[0] == {A}  # it was named first
 
 
 def swapped(model: Model) -> float:
@@ -118,16 +118,16 @@ def swapped(model: Model) -> float:
 
 
 def test_a_cause_is_swapped_for_one_that_explains_more_beside_the_others():
-    naming = name_causes(Table(swapped))
-    assert sorted(names(naming.steps)) == sorted([B, C])
-    assert naming.extended == {B, C}
+    ladder = name_causes(Table(swapped))
+    assert sorted(names(ladder.steps)) == sorted([B, C])
+    assert ladder.extended == {B, C}
 
 
 def test_what_stands_keeps_the_fit_and_gets_its_gain_beside_the_others():
     table = Table(independent({A: 50.0, B: 200.0}))
-    naming = name_causes(table)
-    fitted, steps = still_standing(table, naming.extended, naming.steps)
-    assert fitted is naming.extended
+    ladder = name_causes(table)
+    fitted, steps = still_standing(table, ladder.extended, ladder.steps)
+    assert fitted is ladder.extended
     assert [step.trial.gain for step in steps] == [200.0, 50.0]
 
 

@@ -148,7 +148,7 @@ def test_extended_model_beats_every_published_one_by_a_fifth(logs):
     for name, model in rivals.items():
         assert ours[1] < 0.8 * improve_emps.scores(model, learn, pulses)[1], name
     assert ours[1] < 2.2  # per cent; 2.05 when this was written
-    named = [name for step in learned.naming.steps for name in step.trial.causes]
+    named = [name for step in learned.ladder.steps for name in step.trial.causes]
     assert named[:2] == ["viscous_friction", "asymmetric_friction"]
     assert set(named[2:4]) == {"stribeck_friction", "input_delay"}
     assert "shaft_ripple" in named
