@@ -62,7 +62,7 @@ def run_case(case: Case) -> dict[str, Any]:
         "unexplained": smooth,
         "seconds": seconds,
         "errors": _errors(record, spec.effects),
-        "gain_share": _gain_share(record, clean),
+        "gain_share": _gain_share(record, log, clean),
     }
     if not case.inside:
         effect = truth["effects"][0]
@@ -72,11 +72,11 @@ def run_case(case: Case) -> dict[str, Any]:
     return row
 
 
-def _gain_share(record: Improvement, clean: Log) -> float | None:
+def _gain_share(record: Improvement, noisy: Log, clean: Log) -> float | None:
     """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
     if not record.findings:
         return None
-    experiment = record.experiment
+    experiment = prepare([noisy], record.rig)
     noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
     possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
     won = record.baseline.nll_per_sample - record.extended.nll_per_sample

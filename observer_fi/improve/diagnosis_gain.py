@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.logs import with_command
 from observer_fi.physics import OPEN_LOOP, Rig, synthesise
 from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
@@ -29,6 +30,15 @@ class Worth(NamedTuple):
     right: int
     faults: int
     delay_s: dict[str, float]
+
+
+def diagnosis_gain(logs: Sequence[Log], given: Rig, extended: Rig) -> tuple[Worth, Worth] | None:
+    """`diagnose` with the rig as it was given, and with the extended one; None for a rig whose faults it cannot tell."""
+    if not given.driven.servo:
+        return None
+    commanded = [with_command(log, given.model) for log in logs]
+    before, after = (worth(commanded, extended, rig, Settings()) for rig in (given, extended))
+    return before, after
 
 
 def worth(logs: Sequence[Log], plant: Rig, rig: Rig, settings: Settings, cases: int = CASES) -> Worth:

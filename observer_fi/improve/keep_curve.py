@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer_fi.improve.ladder import held_out_residuals
+from observer_fi.improve.misfit import held_out_residuals
 from observer_fi.improve.unexplained import Smooth, regressors
 from observer_fi.learn import Experiment, FitResult, Free, fit, run
 from observer_fi.numerics import square

@@ -4,10 +4,11 @@ from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
 from observer_fi.learn.gauss_newton import Free, objective, scales
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
-from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term
+from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term, term_of
 from observer_fi.learn.inverse_dynamics import (
     Solution,
     Structure,
+    check_force_rig,
     correlated,
     extended_rig,
     held_out,
@@ -67,6 +68,7 @@ __all__ = [
     "TORQUE",
     "Term",
     "WINDING",
+    "check_force_rig",
     "closed_loop",
     "correlated",
     "extended_rig",
@@ -95,6 +97,7 @@ __all__ = [
     "solve",
     "stops_of_travel",
     "structure_of",
+    "term_of",
     "tune",
     "unwhitened",
     "whitened",

@@ -28,7 +28,7 @@ from observer_fi.learn.joint_likelihood import (
     residuals_of,
 )
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
-from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
+from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, with_values
 from observer_fi.physics import equations as a
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
@@ -313,9 +313,7 @@ def _free(
 
 def _effect(name: str, value: float) -> Free:
     """An effect that the rig names: free within its physical bounds."""
-    terms = [t for cause in CAUSES.values() for v in cause.variants for t in v.terms if t.parameter == name]
-    low, high = (terms[0].low, terms[0].high) if terms else (-math.inf, math.inf)
-    return Free(name, 1e-2 * abs(value), low, high)
+    return Free(name, 1e-2 * abs(value), *bounds(name, value))
 
 
 def _weak(fitted: JointFit, identified: set[str]) -> set[str]:
@@ -402,7 +400,7 @@ def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str,
     """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
     codes, residuals = [], []
     for one in fit.figures.get("fits", []):
-        log = logs[one["log"]]
+        log = with_command(logs[one["log"]], model)
         codes.append(log_phases(log, model)[np.searchsorted(log.t, one["time"])])
         residuals.append(one["residual"])
     if not codes:

@@ -3,7 +3,7 @@
 from observer_fi.physics import equations, paper_residuals, rigs, simulation
 from observer_fi.physics.command import corners
 from observer_fi.physics.drives import DRIVES, Drive
-from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
+from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Cause, Coverage, Term, Variant, bounds
 from observer_fi.physics.empirical_curve import (
     ANGLES,
     FRAME,
@@ -77,14 +77,17 @@ __all__ = [
     "ANGLES",
     "CAUSES",
     "Cause",
+    "Coverage",
     "Curve",
     "D",
     "FAULTS",
+    "FORCE",
     "FRAME",
     "Fault",
     "INDEX",
     "J",
     "MOST_POINTS",
+    "MOVES",
     "Model",
     "Move",
     "NAMES",
@@ -97,6 +100,7 @@ __all__ = [
     "VMAX",
     "Variant",
     "applied_torque",
+    "bounds",
     "commanded",
     "corners",
     "csv_bytes",

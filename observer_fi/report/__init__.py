@@ -11,10 +11,10 @@ from observer_fi.report.markdown import markdown_table
 from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 
 if TYPE_CHECKING:
-    from observer_fi.report import inverse_learning
     from observer_fi.report.comparison_page import page, table
-    from observer_fi.report.inverse_learning import fit_table, inverse_files, inverse_headline, scores_table
     from observer_fi.report.learning import (
+        at_mass,
+        form,
         identify_files,
         identify_json,
         improve_files,
@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Figure",
     "MEASURED",
+    "at_mass",
     "clear_leftovers",
     "diagnose",
     "diagnosis",
     "environment",
-    "fit_table",
+    "form",
     "identify",
     "identify_files",
     "identify_json",
@@ -38,14 +39,10 @@ __all__ = [
     "improve_files",
     "improve_headline",
     "improve_json",
-    "inverse_files",
-    "inverse_headline",
-    "inverse_learning",
     "json_text",
     "markdown_table",
     "padded",
     "page",
-    "scores_table",
     "simulate",
     "table",
     "versions",
@@ -57,16 +54,21 @@ __all__ = [
 # Imported when first used: they load the rooms that learn, which a verdict does not need.
 _LATER = {
     "comparison_page": ("page", "table"),
-    "inverse_learning": ("fit_table", "inverse_files", "inverse_headline", "scores_table"),
-    "learning": ("identify_files", "identify_json", "improve_files", "improve_headline", "improve_json"),
+    "learning": (
+        "at_mass",
+        "form",
+        "identify_files",
+        "identify_json",
+        "improve_files",
+        "improve_headline",
+        "improve_json",
+    ),
     "notebook": ("diagnose", "identify", "improve", "simulate", "write_report"),
 }
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "inverse_learning":
-        return import_module(f"{__name__}.{name}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

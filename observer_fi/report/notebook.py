@@ -15,15 +15,13 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from observer_fi import learn, verdict
-from observer_fi.improve import Improvement, worth
+from observer_fi.improve import Improvement, diagnosis_gain
 from observer_fi.improve import improve as improved
 from observer_fi.logs import (
     ColumnMap,
-    excitation,
     load_columns,
     log_from_frame,
     log_name,
-    log_segments,
     read_log,
     with_command,
 )
@@ -184,8 +182,8 @@ def improve(logs: AnyLog | Sequence[AnyLog], rig: AnyRig = None) -> Improved:
     """What the simulation of a rig gets wrong on these logs, by name."""
     given = _rig(rig)
     material = _logs(logs, given)
-    machine = learn.with_servo(material, given)
-    return Improved(improved(material, machine), machine, tuple(material))
+    record = improved(material, given)
+    return Improved(record, record.rig, tuple(material))
 
 
 def simulate(scenario: Scenario, rig: AnyRig = None, name: str = "synthetic") -> tuple[Log, Truth]:
@@ -212,13 +210,9 @@ def _identify_files(result: Identification, name: str) -> dict[str, str]:
 
 
 def _improve_files(result: Improved, name: str) -> dict[str, str]:
-    logs, best = list(result.logs), result.rig
-    gain = tuple(worth(logs, best, rig, Settings()) for rig in (result.before, best))
-    shown = [excitation(log, log_segments(log), result.before.model) for log in logs]
-    paths = [log.path for log in logs]
-    return learning_report.improve_files(
-        result.record, (gain[0], gain[1]), shown, name or log_name(paths[0]), paths
-    )
+    gain = diagnosis_gain(list(result.logs), result.before, result.rig)
+    paths = [log.path for log in result.logs]
+    return learning_report.improve_files(result.record, gain, name or log_name(paths[0]), paths)
 
 
 def _rig(rig: AnyRig) -> Rig:

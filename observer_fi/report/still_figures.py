@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import style
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure
 
 from observer_fi.physics import NOMINAL, OPEN_LOOP, colour_of, mode_of, words_of
 from observer_fi.records import Array, Outcome

@@ -2,25 +2,25 @@
 
 import numpy as np
 
-from observer_fi.improve.smoothed_disturbance import BinnedDisturbance, Latent
+from observer_fi.improve.smoothed_disturbance import BinnedDisturbance, SmoothedDisturbance
 from observer_fi.learn.linear import DISTURBANCES, TORQUE
 from observer_fi.report.chart import Figure
-from observer_fi.report.freed_figures import handy, latent_figure
+from observer_fi.report.disturbance_figures import disturbance_figure, handy
 
 
-def latent(n: int = 40000) -> Latent:
+def disturbance(n: int = 40000) -> SmoothedDisturbance:
     t = np.arange(n) / 1600.0
     mean, at = np.sin(t), np.linspace(0.0, 1.0, 60)
     mean[n // 2] = np.nan
     curve = BinnedDisturbance(at, np.sin(at), -np.sin(at), np.full(60, 0.1), 0.9)
     once = BinnedDisturbance(at, at, np.full(60, np.nan), np.full(60, 0.1), 0.1)
-    return Latent(
+    return SmoothedDisturbance(
         DISTURBANCES[TORQUE], 100.0, t, 1e-5 * mean, np.full(n, 1e-6), {"position": curve, "time": once}
     )
 
 
 def test_a_figure_has_every_panel_and_stays_small():
-    svg = latent_figure(latent(), 0)
+    svg = disturbance_figure(disturbance(), 0)
     assert svg.count("<clipPath") == 3
     assert "torque [mN m]" in svg and "predicts 90 %" in svg and "position [mm]" in svg
     assert len(svg) < 200_000

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer_fi.improve import DRAWN, BinnedDisturbance, Latent
+from observer_fi.improve import DRAWN, BinnedDisturbance, SmoothedDisturbance
 from observer_fi.records import Array
 from observer_fi.report.chart import INK, Figure, Panel, padded
 from observer_fi.report.learning_figures import AFTER, BEFORE, LEFT, REGRESSORS, RIGHT, WIDTH
@@ -25,9 +25,9 @@ _RANGE, _ROOM = (
 )  # quantiles, and what is shown beyond them: single samples at a start ask for any size
 
 
-def of_freed(latents: Sequence[Latent]) -> list[str]:
+def of_disturbances(disturbances: Sequence[SmoothedDisturbance]) -> list[str]:
     """One SVG a disturbance."""
-    return [latent_figure(latent, number) for number, latent in enumerate(latents)]
+    return [disturbance_figure(disturbance, number) for number, disturbance in enumerate(disturbances)]
 
 
 def handy(unit: str) -> tuple[str, float]:
@@ -35,38 +35,43 @@ def handy(unit: str) -> tuple[str, float]:
     return HANDY.get(unit, (unit, 1.0))
 
 
-def latent_figure(latent: Latent, number: int) -> str:
+def disturbance_figure(disturbance: SmoothedDisturbance, number: int) -> str:
     """One disturbance: over time, and its mean over each regressor by the direction of motion."""
-    names = [name for name in DRAWN if name in latent.curves]
+    names = [name for name in DRAWN if name in disturbance.curves]
     rows = -(-len(names) // _COLUMNS)
     height = 30.0 + _OVER_TIME + 68.0 + rows * (_SMALL + _GAP)
-    figure = Figure(f"latent-{number}", WIDTH, height, f"What the {latent.what.name} would have to be")
-    unit, factor = handy(latent.what.unit)
-    limits = _limits(latent, factor)
-    label = f"{latent.what.name}{'' if unit == '1' else f' [{unit}]'}"
-    panel = figure.panel(LEFT, 30.0, WIDTH - LEFT - RIGHT, _OVER_TIME, padded(latent.t, pad=0.0), limits)
-    _over_time(panel, latent, factor, label)
+    figure = Figure(
+        f"disturbance-{number}", WIDTH, height, f"What the {disturbance.what.name} would have to be"
+    )
+    unit, factor = handy(disturbance.what.unit)
+    limits = _limits(disturbance, factor)
+    label = f"{disturbance.what.name}{'' if unit == '1' else f' [{unit}]'}"
+    panel = figure.panel(LEFT, 30.0, WIDTH - LEFT - RIGHT, _OVER_TIME, padded(disturbance.t, pad=0.0), limits)
+    _over_time(panel, disturbance, factor, label)
     for k, name in enumerate(names):
         left = LEFT + (k % _COLUMNS) * _APART
         top = 30.0 + _OVER_TIME + 68.0 + (k // _COLUMNS) * (_SMALL + _GAP)
-        _over(figure, latent.curves[name], name, left, top, factor)
+        _over(figure, disturbance.curves[name], name, left, top, factor)
     for at, text, colour in ((0.0, "forward", AFTER), (62.0, "backward", BEFORE)):
         figure.text(WIDTH - RIGHT + 6.0 + at, 30.0 + _OVER_TIME + 44.0, text, colour, 600)
     return figure.svg()
 
 
-def _limits(latent: Latent, factor: float) -> tuple[float, float]:
-    known = np.isfinite(latent.mean)
-    low, high = factor * (latent.mean - latent.band)[known], factor * (latent.mean + latent.band)[known]
+def _limits(disturbance: SmoothedDisturbance, factor: float) -> tuple[float, float]:
+    known = np.isfinite(disturbance.mean)
+    low, high = (
+        factor * (disturbance.mean - disturbance.band)[known],
+        factor * (disturbance.mean + disturbance.band)[known],
+    )
     return padded(np.quantile(low, _RANGE[:1]), np.quantile(high, _RANGE[1:]), np.zeros(1), pad=_ROOM)
 
 
-def _over_time(panel: Panel, latent: Latent, factor: float, label: str) -> None:
-    mean, band = factor * latent.mean, factor * latent.band
+def _over_time(panel: Panel, disturbance: SmoothedDisturbance, factor: float, label: str) -> None:
+    mean, band = factor * disturbance.mean, factor * disturbance.band
     panel.frame("time along the moves [s]", label)
     panel.level(0.0)
-    panel.ribbon(latent.t, mean - band, mean + band, AFTER)
-    panel.line(latent.t, mean, INK, 0.9)
+    panel.ribbon(disturbance.t, mean - band, mean + band, AFTER)
+    panel.line(disturbance.t, mean, INK, 0.9)
     panel.end_labels(((panel.y[1], "smoothed", INK), (0.5 * panel.y[1], "95 % band", AFTER)))
 
 
