@@ -1,6 +1,6 @@
 """The equations of the actuator, rigs, faults, effects, the command between samples, and the simulation."""
 
-from observer_fi.physics import equations, paper_residuals, rigs, simulation
+from observer_fi.physics import equations, linear, paper_residuals, plant, rigs, simulation
 from observer_fi.physics.command import corners
 from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
 from observer_fi.physics.empirical_curve import (
@@ -72,10 +72,12 @@ __all__ = [
     "equations",
     "is_curve",
     "is_possible",
+    "linear",
     "load_rig",
     "override",
     "paper_residuals",
     "parameters",
+    "plant",
     "quarters",
     "rig_toml",
     "rigs",
