@@ -5,7 +5,7 @@ import numpy as np
 from observer_fi.bank import transition as tr
 from observer_fi.bank.bank_state import Memory
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.physics import equations
+from observer_fi.physics import speed
 from observer_fi.records import Array
 
 START_ROWS, START_READINGS = (
@@ -24,7 +24,7 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
     z, out = np.where(np.isfinite(z0), z0, 0.0), []
     for j, h in enumerate(hypotheses):
         model, n = h.model, len(h.states)
-        w = equations.measured_speed(z[0], z[1], model.vector) if command0 != 0.0 and model["Km"] else 0.0
+        w = speed(z, model.vector) if command0 != 0.0 and model["Km"] else 0.0
         band = model["A"] / (model["Km"] * model["Ki"]) if model["Km"] * model["Ki"] else 0.05
         x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
         x[:3] = w, (z[1] / model["Ki"] if model["Ki"] else 0.0), z[2] / model["position_gain"]

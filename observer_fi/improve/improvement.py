@@ -43,6 +43,7 @@ from observer_fi.physics import (
     Rig,
     is_curve,
     override,
+    speed,
     to_table,
     with_curve,
     with_values,
@@ -295,12 +296,12 @@ def _measure(experiment: Experiment, fitted: FitResult, held_out: Array) -> Meas
 def _rmse(experiment: Experiment, fitted: FitResult, held_out: Array) -> dict[str, float]:
     """Root mean square of the held-out residuals: current, position, and the speed of equation 16."""
     error = held_out * experiment.noise
-    speed = (error[:, 0] - fitted.model["Rm"] * error[:, 1]) / fitted.model["Km"]
+    turning = speed(error, fitted.model.vector)
     both = (experiment.weight[:, :2] > 0.0).all(axis=1)
     return {
         "current_a": _rms(error[experiment.weight[:, 1] > 0.0, 1]),
         "position_m": _rms(error[experiment.weight[:, 2] > 0.0, 2]),
-        "speed_rad_s": _rms(speed[both]),
+        "speed_rad_s": _rms(turning[both]),
     }
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.kinematic_breaks import motor_angle
-from observer_fi.physics import PARAMETERS, Model, Rig
+from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
 
 WINDOW_S = 0.25
@@ -118,7 +118,7 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
         x = np.convolve(np.pad(_filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
         w = np.gradient(x, log.t) / model["D"]
         return w, np.convolve(w, kernel, "same")
-    w = _filled((log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"])
+    w = _filled(speed(log.z, model.vector))
     return w, np.convolve(w, kernel, "same")
 
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.physics import Model
-from observer_fi.physics import equations as a
+from observer_fi.physics import Model, speed
 from observer_fi.records import Array, Log, Segment
 
 BLOCK_S = 0.01  # averages of so long are compared
@@ -48,8 +47,7 @@ class Breaks(NamedTuple):
 
 def speed_of(log: Log, model: Model) -> Array:
     """(n,) measured speed of equation 16 [rad/s], missing samples interpolated; nan where nothing was measured."""
-    p = model.vector
-    w = (log.z[:, 0] - p[a.RM] * log.z[:, 1]) / p[a.KM]
+    w = speed(log.z, model.vector)
     bad = np.isnan(w)
     if bad.any() and not bad.all():
         w = np.interp(log.t, log.t[~bad], w[~bad])

@@ -15,7 +15,7 @@ from observer_fi.physics.empirical_curve import (
     value_names,
 )
 from observer_fi.physics.equations import INDEX, MOST_POINTS, NAMES, PARAMETERS, VMAX, D, J, applied_torque
-from observer_fi.physics.paper_residuals import sensor_std
+from observer_fi.physics.paper_residuals import sensor_std, speed
 from observer_fi.physics.rigs import (
     Model,
     Quantity,
@@ -83,6 +83,7 @@ __all__ = [
     "rigs",
     "sensor_std",
     "simulation",
+    "speed",
     "synthesise",
     "to_table",
     "unknown_name",

@@ -312,10 +312,12 @@ def terminal_voltage(i, w, h, p):
     return V
 
 
-@inlined
-def measured_speed(V, i, p):
-    """Equation 16: (V - Rm i) / Km [rad/s]."""
+def speed_behind_readings(V, i, p):
+    """Equation 16: (V - Rm i) / Km [rad/s]; of numbers or arrays."""
     return (V - p[RM] * i) / p[KM]
+
+
+measured_speed = inlined(speed_behind_readings)
 
 
 @inlined
