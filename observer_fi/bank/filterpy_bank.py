@@ -252,7 +252,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
         c = tr.carried_in(self.slow)
         m = plant.Motion(x[0], x[1], x[2], d, c.phi, c.c)
         g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(
-            m, tr.slow_of(c), u.interval[0, 0], u.theta, plant.Free(torque, 0.0), p
+            m, tr.slow_of(c), u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
         )
         tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
         return g

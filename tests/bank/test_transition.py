@@ -279,7 +279,7 @@ def test_effects_of_the_sensors_are_seen_and_their_slopes_too() -> None:
 
 @pytest.mark.parametrize("delay", [2e-4, 3e-3, 0.05])
 def test_what_is_on_its_way_through_a_delay_is_now_less_then(delay: float) -> None:
-    """A signal linear between samples of an uneven clock; a thirty-second of the delay is all that is not told apart."""
+    """A signal linear between samples of an uneven clock, 0.01 each; what falls into one part of the delay is not told apart."""
     rng = np.random.default_rng(1)
     t = 5.0 + np.cumsum(rng.uniform(2e-4, 1.2e-3, 600))
     y = 1.0 + np.cumsum(rng.normal(size=600)) * 0.01
@@ -288,10 +288,7 @@ def test_what_is_on_its_way_through_a_delay_is_now_less_then(delay: float) -> No
         late.append(tr._delayed(cells, 0, y[k] - y[k - 1], t[k], t[k] - t[k - 1], delay))
     begun = t > t[0] + delay
     then = np.interp(t - delay, t, y)
-    exact = delay / tr.CELLS < 2e-4
-    np.testing.assert_allclose(
-        (y - late)[begun], then[begun], atol=1e-12 if delay < 1e-3 else 0.02 if exact else 0.04
-    )
+    np.testing.assert_allclose((y - late)[begun], then[begun], atol=1e-3 if delay < 1e-3 else 0.04)
 
 
 def test_the_place_in_the_play_is_unknown_until_the_screw_has_crossed_it() -> None:

