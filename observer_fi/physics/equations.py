@@ -444,15 +444,6 @@ def shown_position(seen, p):
 
 
 @inlined
-def position_reading(x, x_rate, p):
-    """What the absolute sensor shows of x, lag and delay to first order in the speed [m]."""
-    seen = x - (p[POSITION_DELAY] + p[POSITION_LAG]) * x_rate
-    if seldom(p[EXTENDED]):
-        seen = shown_position(seen, p)
-    return seen
-
-
-@inlined
 def current_reading(i, p):
     """What the current sensor shows of i [A]."""
     shown = p[CURRENT_GAIN] * i + p[CURRENT_OFFSET]

@@ -8,11 +8,10 @@ Letters as in `equations.py`; numbers, or rows of them. Adding a state is one en
 its line in `moved` and `between`, or one entry of `Slow` with its line in `settled`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from observer_fi.numerics import above, exp, inlined, nothing, seldom, some, uncounted
 from observer_fi.physics import equations as a
-from observer_fi.records import Array
 
 SIGN_LENGTH = 2e-6  # m over which the friction of a reversal builds up; far below what the logs resolve
 
@@ -22,20 +21,20 @@ class Motion(NamedTuple):
     motor angle phi [rad], current c behind the lag of the servo [A].
     """
 
-    w: Array
-    I: Array  # noqa: E741
-    x: Array
-    d: Array
-    phi: Array
-    c: Array
+    w: Any
+    I: Any  # noqa: E741
+    x: Any
+    d: Any
+    phi: Any
+    c: Any
 
 
 class Slow(NamedTuple):
     """States that a step holds: relative rise h of the winding's resistance [1], sag [V] of the supply and its drift [V]."""
 
-    h: Array
-    sag: Array
-    drift: Array
+    h: Any
+    sag: Any
+    drift: Any
 
 
 class Command(NamedTuple):
@@ -44,19 +43,19 @@ class Command(NamedTuple):
     For `midpoint` the middle is the mean over the step.
     """
 
-    start: Array
-    middle: Array
-    end: Array
-    late_start: Array
-    late_middle: Array
-    late_end: Array
+    start: Any
+    middle: Any
+    end: Any
+    late_start: Any
+    late_middle: Any
+    late_end: Any
 
 
 class Free(NamedTuple):
     """Disturbances that no cause explains: torque against the motor [N m], speed of the mass [m/s]."""
 
-    torque: Array
-    rate: Array
+    torque: Any
+    rate: Any
 
 
 # --- rates ---------------------------------------------------------------------------------------
