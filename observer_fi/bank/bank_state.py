@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.bank import transition as tr
 from observer_fi.bank.packing import BankRows, lined_up
 from observer_fi.records import Array
 
@@ -15,7 +14,7 @@ UNLIKELY = 1e-9  # probability of every hypothesis but the first before the firs
 class BankState(NamedTuple):
     """Everything a bank remembers between samples, in rows of L numbers.
 
-    x (n, L), P (n, n, L) on and above its diagonal, slow (SLOW, L), bias (2, L) mean and variance of a failed channel's bias,
+    x (n, L), P (n, n, L) on and above its diagonal, slow (carried, L), bias (2, L) mean and variance of a failed channel's bias,
     predicted (3, L) the last predictions, glitches (3, L) how many samples in a row a channel was taken for a glitch,
     mu (1, L) probabilities, z (3,) last reading of each channel, t (1,) last time or NaN before the first sample,
     stopped (1,) 1 from a command of zero to the next sample that counts as evidence.
@@ -51,7 +50,7 @@ def remembered(b: BankRows, memories: list[Memory]) -> BankState:
     """The memory of a bank from those of its hypotheses at one time; its probabilities are those of a bank that begins."""
     L, first = len(b.wide), memories[0]
     s = lined_up(BankState(
-        b.entry_mean.copy(), np.zeros((b.n, b.n, L)), np.zeros((tr.SLOW, L)), np.zeros((2, L)), np.zeros((3, L)),
+        b.entry_mean.copy(), np.zeros((b.n, b.n, L)), np.zeros((b.carried, L)), np.zeros((2, L)), np.zeros((3, L)),
         np.zeros((3, L)), np.full((1, L), UNLIKELY), first.z.copy(), first.t.copy(), first.stopped.copy(),
     ))  # fmt: skip
     s.mu[0, 0] = 1.0 - UNLIKELY * (b.m - 1)

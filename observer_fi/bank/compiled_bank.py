@@ -125,8 +125,8 @@ def _start_anew(b, r, state, lost):
         r.x[k] = above(lost, 0.0, r.entry_mean[k], r.x[k])
     if position == position:
         r.x[2] = above(lost, 0.0, position, r.x[2])
-    for k in range(tr.SLOW):
-        r.slow[k] = above(lost, 0.0, 0.0, r.slow[k])
+    for k in range(b.carried):
+        r.slow[k] = above(lost, 0.0, r.slow_at_rest[k], r.slow[k])
     r.bias[0], r.bias[1] = above(lost, 0.0, 0.0, r.bias[0]), above(lost, 0.0, r.failed_noise[0], r.bias[1])
 
 
@@ -198,7 +198,9 @@ def run(b, tune, state, scr, feed, out):
         mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
-            extended.predict(b, tune, r, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k])
+            extended.predict(
+                b, tune, r, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
+            )
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)
         if seldom(lost):
@@ -221,7 +223,7 @@ def run_unscented(b, tune, state, scr, feed, out):
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
             unscented.predict(
-                b, tune, r, u, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k]
+                b, tune, r, u, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
             )
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)

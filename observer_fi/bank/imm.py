@@ -85,8 +85,18 @@ def _mix_own(b, r, x, P, own, others):
 
 
 @inlined
+def _mix_carried(b, r, slow):
+    """What the means carry, as the means themselves. slow: r.slow as an array of numbers."""
+    for k in range(b.carried):
+        mean = nothing(r.weights[0])
+        for i in range(len(b.wide)):
+            mean = mean + r.weights[i] * slow[k, i]
+        r.slow[k] = mean
+
+
+@inlined
 def mix(b, tune, scr, r, state, dt, stopped):
-    """Moments of every hypothesis before the step, from the memory into r.to_x, r.to_P, and its biases in place.
+    """Moments of every hypothesis before the step, from the memory into r.to_x, r.to_P; its biases and r.slow in place.
 
     r: rows of memory, scratch and bank; r.reached gets the predicted mode probabilities. stopped: a move begins.
     """
@@ -94,6 +104,8 @@ def mix(b, tune, scr, r, state, dt, stopped):
     own, others = _weigh(b, r, state.mu)
     _mix_common(b, r, state.x, state.P)
     _mix_own(b, r, r.x, r.P, own, others)
+    if b.mixed:
+        _mix_carried(b, r, state.slow)
     if b.failing:
         mean = own * r.bias[0]
         off, left = r.bias[0] - mean, 1.0 - own

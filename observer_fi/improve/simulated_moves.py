@@ -41,7 +41,7 @@ from observer_fi.learn import (
 )
 from observer_fi.logs import Excitation, excitation, log_segments
 from observer_fi.numerics import square
-from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, with_values
+from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
 from observer_fi.records import Array, Log, Segment
 
 # Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.
@@ -328,12 +328,12 @@ class SimulatedMoves:
     def _rmse(self, fitted: FitResult, held_out: Array) -> dict[str, float]:
         """Root mean square of the held-out residuals: current, position, and the speed of equation 16."""
         weight, error = self.experiment.weight, held_out * self.experiment.noise
-        speed = (error[:, 0] - fitted.model["Rm"] * error[:, 1]) / fitted.model["Km"]
+        turning = speed(error, fitted.model.vector)
         both = (weight[:, :2] > 0.0).all(axis=1)
         return {
             "current_a": rms(error[weight[:, 1] > 0.0, 1]),
             "position_m": rms(error[weight[:, 2] > 0.0, 2]),
-            "speed_rad_s": rms(speed[both]),
+            "speed_rad_s": rms(turning[both]),
         }
 
     def values(self, fitted: FitResult) -> dict[str, tuple[float, float]]:

@@ -15,8 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from observer_fi.learn.move_data import Experiment
 from observer_fi.logs import moves_from_rest
 from observer_fi.numerics import filled
-from observer_fi.physics import Model, Rig, override
-from observer_fi.physics import equations as a
+from observer_fi.physics import Model, Rig, override, speed
 from observer_fi.records import Array, Log, Segment
 
 BLOCK_S = 0.01  # averages of so long are compared
@@ -57,8 +56,7 @@ class Breaks(NamedTuple):
 
 def speed_of(log: Log, model: Model) -> Array:
     """(n,) measured speed of equation 16 [rad/s], missing samples interpolated; nan where nothing was measured."""
-    p = model.vector
-    return filled((log.z[:, 0] - p[a.RM] * log.z[:, 1]) / p[a.KM], log.t)
+    return filled(speed(log.z, model.vector), log.t)
 
 
 def motor_angle(t: Array, w: Array) -> Array:

@@ -28,8 +28,7 @@ from observer_fi.learn.joint_likelihood import (
     residuals_of,
 )
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
-from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, with_values
-from observer_fi.physics import equations as a
+from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, speed, with_values
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
@@ -384,15 +383,17 @@ def _reported(name: str, identified: set[str]) -> bool:
 
 def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     """Root mean square residual of current [A], position [m] and the speed of equation 16 [rad/s], of what was measured."""
-    p = fitted.plant.vector
     errors = []
     for part, r in zip(parts, fitted.residuals, strict=True):
         e = part.experiment
         single = (e.weight > 0.0) & (e.weight < 1.01 / e.noise)  # neither missing nor the mean of a rest
         errors.append(np.where(single, r, np.nan) / np.where(single, e.weight, 1.0))
     left = np.concatenate(errors)
-    speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
-    named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
+    named = {
+        "current_a": left[:, 1],
+        "position_m": left[:, 2],
+        "speed_rad_s": speed(left, fitted.plant.vector),
+    }
     return {n: float(np.sqrt(np.nanmean(v**2))) for n, v in named.items() if np.isfinite(v).any()}
 
 

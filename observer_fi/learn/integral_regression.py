@@ -17,7 +17,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.numerics import constant_runs, correlation_time, filled
-from observer_fi.physics import PARAMETERS, Model, Rig
+from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
 
 WINDOW_S = 0.25
@@ -120,7 +120,7 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
         x = np.convolve(np.pad(filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
         w = np.gradient(x, log.t) / model["D"]
         return w, np.convolve(w, kernel, "same")
-    w = filled((log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"])
+    w = filled(speed(log.z, model.vector))
     return w, np.convolve(w, kernel, "same")
 
 

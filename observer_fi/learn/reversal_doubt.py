@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from observer_fi.physics import Model
+from observer_fi.physics import Model, speed
 from observer_fi.records import Array
 
 # s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.
@@ -45,7 +45,7 @@ class Doubt(NamedTuple):
 
 def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
     """Doubt in the readings z (n, 3), without gaps, of one move at t (n,); from the row `brake` on the command falls."""
-    w = (z[:, 0] - model["Rm"] * z[:, 1]) / model["Km"]
+    w = speed(z, model.vector)
     fast = np.flatnonzero(np.abs(_smooth(w)) > _STILL)
     kicks = _reversals(t, w, brake)
     if not kicks or not fast.size:

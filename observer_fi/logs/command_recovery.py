@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
-from observer_fi.physics import Model
+from observer_fi.physics import Model, speed
 from observer_fi.records import Array, Log
 
 BLOCK_S = 0.005
@@ -112,7 +112,7 @@ def _long(missing: Mask) -> Mask:
 
 def _speed(log: Log, model: Model) -> Array:
     """Motor speed: equation 16, or the rate of the encoder where there is no voltage."""
-    w = (log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"]
+    w = speed(log.z, model.vector)
     if np.isfinite(w).any() or log.encoder is None:
         return w
     return np.gradient(log.encoder, log.t)

@@ -1,6 +1,6 @@
 """The equations of the actuator, rigs, faults, effects, the command between samples, and the simulation."""
 
-from observer_fi.physics import equations, paper_residuals, rigs, simulation
+from observer_fi.physics import equations, linear, paper_residuals, plant, rigs, simulation
 from observer_fi.physics.command import corners
 from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Cause, Coverage, Term, Variant, bounds
@@ -33,7 +33,7 @@ from observer_fi.physics.faults import (
     mode_of,
     words_of,
 )
-from observer_fi.physics.paper_residuals import sensor_std
+from observer_fi.physics.paper_residuals import sensor_std, speed
 from observer_fi.physics.rigs import (
     Model,
     Quantity,
@@ -109,15 +109,18 @@ __all__ = [
     "equations",
     "is_curve",
     "is_possible",
+    "linear",
     "load_rig",
     "override",
     "paper_residuals",
     "parameters",
+    "plant",
     "quarters",
     "rig_toml",
     "rigs",
     "sensor_std",
     "simulation",
+    "speed",
     "synthesise",
     "to_table",
     "unknown_name",

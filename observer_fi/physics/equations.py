@@ -316,10 +316,12 @@ def terminal_voltage(i, w, h, p):
     return V
 
 
-@inlined
-def measured_speed(V, i, p):
-    """Equation 16: (V - Rm i) / Km [rad/s]."""
+def speed_behind_readings(V, i, p):
+    """Equation 16: (V - Rm i) / Km [rad/s]; of numbers or arrays."""
     return (V - p[RM] * i) / p[KM]
+
+
+measured_speed = inlined(speed_behind_readings)
 
 
 @inlined
@@ -443,15 +445,6 @@ def shown_position(seen, p):
     if seldom(kept):
         shown += kept * curve_value(seen, p)
     return shown
-
-
-@inlined
-def position_reading(x, x_rate, p):
-    """What the absolute sensor shows of x, lag and delay to first order in the speed [m]."""
-    seen = x - (p[POSITION_DELAY] + p[POSITION_LAG]) * x_rate
-    if seldom(p[EXTENDED]):
-        seen = shown_position(seen, p)
-    return seen
 
 
 @inlined

@@ -348,7 +348,7 @@ def test_the_mean_moves_by_the_equations_not_by_the_jacobian() -> None:
     f = at_speed(Ekf)
     f.x[:2] = 50.0, 1.5  # saturated
     x = f.x.copy()
-    assert not f._moved(x, np.zeros(tr.SLOW), STEADY)
+    assert not f._moved(x, tr.slow_at_rest(f.base), STEADY)
     before = f.x.copy()
     f.predict(STEADY)
     np.testing.assert_array_equal(f.x, x)
