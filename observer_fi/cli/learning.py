@@ -3,12 +3,13 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step
+from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step, taken
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:
     from observer_fi.physics import Rig
     from observer_fi.records import Log
+    from observer_fi.report import Made
 
 Improved = tuple[dict[str, Any], dict[str, str], str]  # JSON, files, headline
 
@@ -42,40 +43,46 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 def run_identify(args: argparse.Namespace) -> int:
     """A rig learned from its logs."""
     from observer_fi.learn import identified_rig, identify, residuals_by_phase
-    from observer_fi.logs import log_name
     from observer_fi.physics import load_rig
-    from observer_fi.report import identify_files, identify_json, write_folder
+    from observer_fi.report import folder_name, identify_files, identify_json, write_result
 
-    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     fit = identify(logs, rig)
     by_phase = residuals_by_phase(logs, fit, rig.model)
     files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
-    write_folder(args.out / name, files)
+    folder = write_result(args.out, name, _made("identify", logs), files)
+    taken(args.logs[0], name, folder)
     if args.json:
         emit_json(identify_json(fit))
     elif not args.quiet:
         told = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
-        print(f"{name}: {len(fit.parameters)} parameters learned{told}  {args.out / name / 'report.html'}")
+        print(f"{folder.name}: {len(fit.parameters)} parameters learned{told}  {folder / 'identify.html'}")
     return OK
 
 
 def run_improve(args: argparse.Namespace) -> int:
     """What the simulation gets wrong, and the extended rig."""
-    from observer_fi.logs import log_name
     from observer_fi.physics import load_rig
-    from observer_fi.report import write_folder
+    from observer_fi.report import folder_name, write_result
 
-    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     improved = _improve_force if rig.drive == "force" else _improve_servo
     result, files, headline = improved(logs, rig, name, args)
-    write_folder(args.out / name, files)
+    folder = write_result(args.out, name, _made("improve", logs), files)
+    taken(args.logs[0], name, folder)
     if args.json:
         emit_json(result)
     elif not args.quiet:
-        print(f"{name}: {headline}  {args.out / name / 'report.html'}")
+        print(f"{folder.name}: {headline}  {folder / 'improve.html'}")
     return OK
+
+
+def _made(command: str, logs: "list[Log]") -> "Made":
+    from observer_fi.report import Made
+
+    return Made(command, {log.path: log.sha256 for log in logs})
 
 
 def _improve_servo(logs: "list[Log]", rig: "Rig", name: str, args: argparse.Namespace) -> Improved:

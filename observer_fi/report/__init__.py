@@ -13,19 +13,35 @@ from observer_fi.report.learning import (
     improve_headline,
     improve_json,
 )
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
+from observer_fi.report.result_folder import (
+    Made,
+    check_beside,
+    checked_name,
+    clear_leftovers,
+    folder_name,
+    folder_of,
+    write_beside,
+    write_file,
+    write_folder,
+    write_result,
+)
 
 __all__ = [
     "COLOURS",
     "Figure",
     "MEASURED",
     "MIXTURE",
+    "Made",
     "WORDS",
+    "check_beside",
+    "checked_name",
     "clear_leftovers",
     "colour_of",
     "diagnosis",
     "environment",
     "fit_table",
+    "folder_name",
+    "folder_of",
     "identify_files",
     "identify_json",
     "improve_files",
@@ -40,6 +56,8 @@ __all__ = [
     "scores_table",
     "table",
     "versions",
+    "write_beside",
     "write_file",
     "write_folder",
+    "write_result",
 ]

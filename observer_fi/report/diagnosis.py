@@ -11,7 +11,7 @@ from observer_fi import __version__
 from observer_fi.physics import Rig
 from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
-from observer_fi.report.result_folder import write_folder
+from observer_fi.report.result_folder import Made, write_result
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
@@ -114,9 +114,13 @@ def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
     }
 
 
-def write(outcome: Outcome, rig: Rig, folder: Path) -> None:
-    """report.json, report.html and the figures into `folder`, all or nothing. Raises UsageError."""
-    write_folder(folder, files(outcome, rig))
+def write(outcome: Outcome, rig: Rig, folder: Path) -> Path:
+    """report.json, report.html and the figures into `folder`, or into one with a number where that is another log's;
+    returns the folder. Raises UsageError.
+    """
+    _, log = _complete(outcome)
+    made = Made("diagnose", {log.path: log.sha256})
+    return write_result(folder.parent, folder.name, made, files(outcome, rig))
 
 
 def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:

@@ -214,7 +214,7 @@ def inverse_files(ladder: Ladder, name: str, logs: Sequence[str]) -> dict[str, s
     )  # fmt: skip
     return {
         "improve.json": json_text(inverse_json(ladder)),
-        "report.html": html,
-        "rig.toml": rig_toml(extended(ladder, f"{ladder.rig.name}_extended")),
+        "improve.html": html,
+        "extended_rig.toml": rig_toml(extended(ladder, f"{ladder.rig.name}_extended")),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
     }

@@ -303,12 +303,19 @@ def test_the_same_logs_give_the_same_result():
 def test_files_of_the_command():
     ladder = name_causes(rig(), [prepare_motion(log(Truth(DRAG, DRAG)))])
     files = inverse_files(ladder, "bench", ["bench.csv"])
-    assert set(files) == {"improve.json", "report.html", "rig.toml", "ladder.svg", "force.svg", "curves.svg"}
-    assert "The equations miss viscous friction" in files["report.html"]
+    assert set(files) == {
+        "improve.json",
+        "improve.html",
+        "extended_rig.toml",
+        "ladder.svg",
+        "force.svg",
+        "curves.svg",
+    }
+    assert "The equations miss viscous friction" in files["improve.html"]
     assert inverse_files(ladder, "bench", ["bench.csv"]) == files
     nothing = name_causes(rig(**VISCOUS), [prepare_motion(log(Truth(DRAG, DRAG)))])
     assert inverse_headline(nothing) == "Nothing with a name is missing"
-    assert "load_friction: not detectable here" in inverse_files(nothing, "bench", [])["report.html"]
+    assert "load_friction: not detectable here" in inverse_files(nothing, "bench", [])["improve.html"]
 
 
 # --- forward ---
