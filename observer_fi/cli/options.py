@@ -134,7 +134,8 @@ def complain(message: str) -> None:
     if sys.stderr is None:
         return
     message = "".join(c if c.isprintable() or c.isspace() else ascii(c)[1:-1] for c in message)
-    print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # nobody to tell
+        print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
 
 
 def step(args: argparse.Namespace) -> Callable[[str], None]:

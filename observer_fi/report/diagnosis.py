@@ -12,6 +12,7 @@ from observer_fi.physics import Rig
 from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.result_folder import Made, write_result
+from observer_fi.verdict import NOT_TESTED
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
@@ -23,6 +24,7 @@ NAMES = {
     "coupling_loss": "Coupling loss",
     "sensor_fault": "Sensor fault",
     "unknown": "Unknown fault",
+    NOT_TESTED: "Not tested",
 }
 
 
@@ -70,6 +72,8 @@ def _open_loop(outcome: Outcome) -> dict[str, Any]:
     """What the mixture says; it starts at a detection, so without one it says nominal, without a servo nothing."""
     if outcome.settings.get("drive", "pi_servo") != "pi_servo":
         return {"label": None, "isolated_s": None, "started_s": None}
+    if _complete(outcome)[0].verdict.label == NOT_TESTED:
+        return {"label": NOT_TESTED, "isolated_s": None, "started_s": None}
     if outcome.open_loop is None:
         return {"label": "nominal", "isolated_s": None, "started_s": None}
     verdict = outcome.open_loop.verdict
@@ -85,6 +89,8 @@ def headline(outcome: Outcome) -> str:
     """The verdict in one line."""
     isolation, _ = _complete(outcome)
     verdict = isolation.verdict
+    if verdict.label == NOT_TESTED:
+        return f"not tested: {verdict.reasons[0]}"
     words = NAMES[verdict.label].lower()
     if verdict.channel:
         words += f" ({verdict.channel})"
@@ -93,10 +99,10 @@ def headline(outcome: Outcome) -> str:
     return f"{words}, probability {percent(verdict.probability)}"
 
 
-def percent(p: float) -> str:
+def percent(p: float | None) -> str:
     """A probability that never rounds to certainty."""
-    if not math.isfinite(p):
-        return "unknown"
+    if p is None or not math.isfinite(p):
+        return "–"
     if p > 0.9999:
         return "> 99.99 %"
     if p < 1e-4:
@@ -179,6 +185,8 @@ def doubts(outcome: Outcome) -> list[str]:
     """How sure the verdict is, and what would change it."""
     isolation, log = _complete(outcome)
     verdict, fit = isolation.verdict, isolation.consistency
+    if verdict.label == NOT_TESTED:
+        return [f"{verdict.reasons[0].capitalize()}: record a longer log with a move, and diagnose that."]
     found = []
     others = sorted(
         ((p, label) for label, p in verdict.posterior.items() if label != verdict.label), reverse=True

@@ -4,18 +4,23 @@ from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import Isolator, channel_of, label_of, log_verdict, tested
+from observer_fi.verdict.testable import FEWEST_MOVING, NOT_TESTED, for_readings, moving_samples
 
 __all__ = [
+    "FEWEST_MOVING",
     "Isolator",
+    "NOT_TESTED",
     "as_dict",
     "channel_of",
     "compare",
     "comparison",
     "diagnose",
     "diagnose_log",
+    "for_readings",
     "label_of",
     "log_verdict",
     "make_bank",
+    "moving_samples",
     "open_loop_estimate",
     "scenarios",
     "scores",

@@ -2,6 +2,7 @@
 
 from observer_fi.physics import Rig
 from observer_fi.records import Event, Isolation, Log
+from observer_fi.verdict.testable import NOT_TESTED
 
 _WHAT = {
     "nominal": "The actuator behaved as its model says.",
@@ -36,6 +37,8 @@ _ALIKE = {
 def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     """One paragraph: what happened, when, how sure, what it could be instead, what to do."""
     v = isolation.verdict
+    if v.label == NOT_TESTED:
+        return f"Not tested: {v.reasons[0]}, so it says nothing about the actuator."
     words = [_WHAT[v.label].format(channel=v.channel)]
     if v.label != "nominal":
         words.append(_when(v))
@@ -57,8 +60,6 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
     words.append(_ACT[v.label].format(channel=v.channel))
-    if not isolation.events:
-        words = ["The log holds no commanded move, so it says nothing about the actuator."]
     return " ".join(words)
 
 
