@@ -144,16 +144,30 @@ def run_fleet(args: argparse.Namespace) -> int:
     columns = {"columns": load_columns(args.columns)} if args.columns else {}
     rig, settings = load_rig(args.rig), load_settings(args.settings)
     job = fleet.Job(args.folder, args.out, rig, settings, args.engine, args.filter, **columns)
-    rows, todo = fleet.split(job, fleet.find_logs(job, args.pattern))
-    fresh = progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log")
-    rows += list(fresh)
-    fleet.write_summary(job, rows)
+    fleet.check_summary(job)
+    names = fleet.find_logs(job, args.pattern, complain)
+    rows, todo = fleet.split(job, names)
+    lost = ""
+    try:
+        for row in progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log"):
+            rows.append(row)
+    except fleet.LostClusterError as error:
+        lost = str(error)
     for problem in fleet.problems(rows):
         complain(problem)
+    if lost:
+        left = fleet.not_done(names, rows, lost)
+        rows += left
+        complain(
+            f"{lost}: {len(left)} of {len(names)} logs are not done; run the same command again to go on"
+        )
+    fleet.write_summary(job, rows + fleet.other_rows(job, names, args.pattern))
     if args.json:
         emit_json({"schema": "observer-fi/fleet/1", "read": len(todo), "logs": fleet.worst_first(rows)})
     elif not args.quiet:
         print(f"{fleet.headline(rows, len(todo))}\n{args.out / fleet.INDEX}")
+    if lost:
+        return BUG
     if any(row["status"] != "done" for row in rows):
         return USAGE
     faulty = any(row["label"] != "nominal" for row in rows)

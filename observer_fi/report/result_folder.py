@@ -166,7 +166,7 @@ def _fits(folder: Path, results: dict[str, Any], made: Made, files: tuple[str, .
     if not folder.is_dir() or not _same(results.get(made.command), made):
         return False
     beside = {next(iter(entry["logs"]), None) for entry in results.values()} - {None}
-    first = next((os.path.abspath(path) for path in made.logs), None)
+    first = next((_place(path) for path in made.logs), None)
     if first and made.command not in results and beside - {first}:
         return False
     return not list(_foreign(folder, results.get(made.command), files))
@@ -176,11 +176,21 @@ def _same(entry: dict[str, Any] | None, made: Made) -> bool:
     """Whether an earlier result, if any, was of the same logs: the same paths, or the same bytes where they were moved."""
     if entry is None:
         return True
-    before, now = entry["logs"], {os.path.abspath(path): digest for path, digest in made.logs.items()}
+    before, now = entry["logs"], {_place(path): digest for path, digest in made.logs.items()}
     if set(before) == set(now):
         return True
     moved = not any(os.path.lexists(path) for path in before)
     return moved and sorted(before.values()) == sorted(now.values())
+
+
+def _place(path: str) -> str:
+    """Where a log lies, by whatever links its folder was reached."""
+    return os.path.join(os.path.realpath(os.path.dirname(path)), os.path.basename(path))
+
+
+def ours(folder: Path) -> set[str]:
+    """Names of the files in a folder that this project wrote."""
+    return {MARKER, *(file for entry in _results(folder).values() for file in entry["files"])}
 
 
 def _foreign(folder: Path, entry: dict[str, Any] | None, files: tuple[str, ...]) -> Iterator[str]:
@@ -198,7 +208,7 @@ def _replace(folder: Path, made: Made, data: dict[str, bytes]) -> None:
     results = _results(folder)
     old = results.get(made.command, {"files": {}})["files"]
     new = {file: [hashlib.sha256(content).hexdigest()] for file, content in data.items()}
-    entry = {"logs": {os.path.abspath(path): digest for path, digest in made.logs.items()}, "files": new}
+    entry = {"logs": {_place(path): digest for path, digest in made.logs.items()}, "files": new}
     parts: dict[str, Path] = {}
     try:
         for file, content in data.items():

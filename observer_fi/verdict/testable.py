@@ -70,7 +70,7 @@ def moving_samples(e: Estimate) -> int:
 def not_tested(reason: str) -> Event:
     """The verdict that there can be none."""
     nothing = dict.fromkeys(LABELS, 0.0)
-    return Event(NOT_TESTED, None, float("nan"), None, (None, None), None, None, 0.0, 0.0, nothing, (reason,))
+    return Event(NOT_TESTED, None, np.nan, None, (None, None), None, None, 0.0, 0.0, nothing, (reason,))
 
 
 def untested(reason: str) -> Isolation:
