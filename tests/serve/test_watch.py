@@ -374,7 +374,11 @@ def test_a_stream_that_cannot_be_used_is_refused_in_one_line(text: str, message:
 def test_an_empty_stream_has_a_last_verdict() -> None:
     found, _ = fed([b""])
     assert [line["event"] for line in found] == ["end"]
-    assert found[0]["time_s"] is None and found[0]["label"] == "nominal" and found[0]["samples"] == 0
+    assert (
+        found[0]["time_s"] is None
+        and (found[0]["label"], found[0]["probability"]) == ("not_tested", None)
+        and found[0]["samples"] == 0
+    )
 
 
 def test_every_move_has_its_verdict_and_faults_are_counted() -> None:

@@ -159,7 +159,7 @@ def test_a_missing_column_is_noted_and_the_verdict_stands(label: str, column: st
 def test_a_log_at_rest_says_nothing(tmp_path: Path) -> None:
     frame, _ = make_log(TruthSpec(single_move(300.0, 0.2, rest_before_s=0.6, rest_after_s=0.1)), 1)
     outcome = diagnose(write_log(frame.iloc[:900], tmp_path / "rest.csv"), RIG, SETTINGS)
-    assert event_of(outcome).label == "nominal" and outcome.isolation.events == ()
+    assert event_of(outcome).label == "not_tested" and outcome.isolation.events == ()
     assert outcome.explanation == "Not tested: the log holds no move, so it says nothing about the actuator."
 
 
