@@ -43,7 +43,7 @@ ENTRY = "fleet.json"  # in a log's folder: what its report was made from, and it
 INDEX, TABLE = "index.html", "fleet.parquet"
 TRIES = 3  # workers that may die over one log before it is given up
 WAIT_S = 10.0  # for a scheduler to answer, and for its first worker
-GONE_S = 20.0  # without any worker, until the run is given up
+GONE_S = 60.0  # without any worker, until the run is given up
 POLL_S = 0.1
 
 Rows = list[dict[str, Any]]
@@ -281,30 +281,35 @@ class LostClusterError(Exception):
 
 def _finished(client: Any, under_way: Any) -> Iterator[Any]:
     """Futures as they finish. Raises LostClusterError where none will any more."""
-    idle_since = None
+    alive = time.monotonic()
     while not under_way.is_empty():
         if under_way.has_ready():
             future = next(under_way)
-            if future.status == "cancelled" or future.status == "lost":
+            if future.status in ("cancelled", "lost"):
                 raise LostClusterError("the scheduler is gone")
             yield future
+            alive = time.monotonic()
             continue
         time.sleep(POLL_S)
-        if _workers(client):
-            idle_since = None
-        else:
-            idle_since = time.monotonic() if idle_since is None else idle_since
-            if time.monotonic() - idle_since > GONE_S:
-                raise LostClusterError("the last worker is gone")
+        what = _missing(client)
+        alive = alive if what else time.monotonic()
+        if time.monotonic() - alive > GONE_S:
+            raise LostClusterError(what)
 
 
-def _workers(client: Any) -> int:
-    """How many workers there are. Raises LostClusterError where nobody knows."""
+def _missing(client: Any) -> str:
+    """What a cluster lacks to go on, "" where it lacks nothing. Raises LostClusterError where its scheduler is gone.
+
+    A scheduler may be slow to answer: it imports what workers run.
+    """
     try:
         if client.status != "running":
             raise LostClusterError("the scheduler is gone")
-        return len(client.sync(client.scheduler.ncores, callback_timeout=WAIT_S))
-    except (OSError, TimeoutError, ValueError) as error:
+        workers = client.sync(client.scheduler.ncores, callback_timeout=WAIT_S)
+        return "" if workers else "the last worker is gone"
+    except TimeoutError:
+        return "the scheduler does not answer"
+    except (OSError, ValueError) as error:
         raise LostClusterError("the scheduler is gone") from error
 
 

