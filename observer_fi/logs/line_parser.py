@@ -21,6 +21,7 @@ from observer_fi.records import Array
 
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
 LONGEST_LINE = 1 << 16  # bytes: what has no end of line by then is no line
+LATEST_S = 1e15  # beyond this two samples have the same double: no clock is there
 MOST_HELD = 64  # samples that wait for a time, a pitch or a command
 NAN = math.nan
 Say = Callable[[str, int], None]  # what is wrong, and how many samples are left out for it
@@ -73,7 +74,7 @@ class Parser:
 
     def __init__(self, source: str, column_map: ColumnMap) -> None:
         self.source, self.map = source, column_map
-        self.limits = tuple(column_map.limit(column) for column in COLUMNS)
+        self.limits = (LATEST_S, *(column_map.limit(column) for column in COLUMNS[1:]))
         self.missing = {*NO_VALUE, *column_map.missing}
         self.coded = any(_is_number(text) for text in column_map.missing)  # a number that stands for no value
         self.begin()
@@ -226,7 +227,7 @@ class Parser:
         """Values in SI units, what is beyond its limit as missing; None for a line without any value."""
         t, v, i, x, pitch, w = (value * f for value, f in zip(values, self.factors, strict=True))
         most = self.limits
-        if not math.isfinite(t):
+        if not abs(t) <= most[0]:
             if v != v and i != i and x != x:
                 return None
             t = NAN

@@ -5,6 +5,7 @@ half written. At the end each command runs once more and leaves no left-over.
 """
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -24,7 +25,8 @@ PYTHON = [sys.executable, "-m", "observer_fi"]
 COMMANDS = {
     "diagnose": (["diagnose", "one/a.csv", "two/a.csv", "--out", "out"], ("out/a/report.json", "out/a_2/report.html")),
     "identify": (["identify", "one/a.csv", "--out", "out"], ("out/a/identify.json", "out/a/identify.html", "out/a/rig.toml")),
-    "improve": (["improve", "one/a.csv", "--out", "out"], ("out/a/improve.json", "out/a/improve.html", "out/a/extended_rig.toml")),
+    "improve": (["improve", "one/a.csv", "--out", "out"],
+                ("out/a/improve.json", "out/a/improve.html", "out/a/extended_rig.toml")),
     "simulate": (["simulate", "--out", "out", "--name", "s"], ("out/s.csv", "out/s.truth.json")),
     "compare": (["compare", "--cases", "2", "--out", "out"], ("out/compare/compare.json", "out/compare/compare.html")),
     "fleet": (["fleet", "logs", "--out", "out", "--workers", "1"], ("out/index.html", "out/fleet.parquet", "out/c/report.html")),
@@ -115,10 +117,8 @@ def kill_once(name: str, folder: Path, most_s: float, rng: random.Random) -> boo
     except subprocess.TimeoutExpired:
         return True
     finally:
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, 9)
-        except ProcessLookupError:
-            pass
         process.wait()
 
 

@@ -524,6 +524,14 @@ def test_samples_without_a_time_are_placed_or_counted(where: str) -> None:
     assert where != "all" or found[-1]["samples"] == 0
 
 
+def test_times_that_no_clock_has_are_no_times(recwarn: pytest.WarningsRecorder) -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    lines[500:500] = ["1e308,0,0,0,0,0\n", "-1e16,0,0,0,0,0\n", "inf,0,0,0,0,0\n"]
+    found, _ = fed([(header + "".join(lines)).encode()])
+    assert found[-1]["samples"] == len(lines) and found[-1]["time_s"] < 2.0
+    assert not recwarn.list
+
+
 def test_a_clock_that_begins_anew_counts_what_waited() -> None:
     header, *lines = csv_lines(sample_log("none"))[1:]
     waiting = [f",{line.split(',', 1)[1]}" for line in lines[1000:1020]]
