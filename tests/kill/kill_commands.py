@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from pathlib import Path
 
@@ -124,7 +125,11 @@ def kill_once(name: str, folder: Path, most_s: float, rng: random.Random) -> boo
 
 def kill_writer(folder: Path, after_s: float) -> None:
     """A copy of this process that only writes, killed: a start would cost a hundred times as much."""
-    child = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # of forks beside threads: the child only writes files
+        child = os.fork()
     if child == 0:
         os.chdir(folder)
         exec(WRITER, {})

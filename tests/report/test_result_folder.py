@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from kill import kill_commands
 
 from observer_fi.errors import UsageError
 from observer_fi.report import result_folder
@@ -260,6 +261,17 @@ def test_processes_that_write_at_once_share_the_names(tmp_path: Path) -> None:
     ]
     assert [run.wait(timeout=60) for run in runs] == [0, 0]
     assert sorted(tree(tmp_path / "out").values()) == ["one/a.csv", "two/a.csv"]
+
+
+def test_kills_at_random_moments_of_writing() -> None:
+    counts, broken = kill_commands.run(25, ["write"], seed=1)
+    assert broken == [] and counts["write", "killed"] == 25
+
+
+@pytest.mark.slow
+def test_kills_at_random_moments_of_commands() -> None:
+    counts, broken = kill_commands.run(40, ["diagnose", "identify", "simulate", "compare", "fleet"], seed=1)
+    assert broken == [] and sum(counts.values()) == 40
 
 
 # --- plain files -----------------------------------------------------------------------------------------------

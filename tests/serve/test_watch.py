@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenarios
+from fuzz import watch_streams
 
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import log_feed as feed
@@ -551,6 +552,12 @@ def test_a_stream_without_noise_is_judged_as_its_file() -> None:
     found, _ = fed([csv_bytes(log)])
     assert found[-1]["label"] == "nominal"
     assert diagnose.diagnose_log(log, RIG, SETTINGS).isolation.verdict.label == "nominal"
+
+
+def test_mutated_streams_end_in_a_last_line_or_in_one_of_refusal(tmp_path: Path) -> None:
+    counts, slowest = watch_streams.run(400, seed=7, banks=0.05, finds=tmp_path / "finds")
+    assert not [what for what in counts if "FOUND" in what] and slowest < watch_streams.SLOWEST_S
+    assert counts["Watch nominal"] and counts["Lines refused"]
 
 
 # --- files that do not only grow -----------------------------------------------------------------
