@@ -107,7 +107,7 @@ def write_beside(out: Path, made: Made, files: Files) -> None:
         out.mkdir(parents=True, exist_ok=True)
         with _alone_in(out):
             check_beside(out, made, tuple(data))
-            _replace(out, made, data)
+            _replace(out, made, data, takes_back=False)
 
 
 def check_beside(out: Path, made: Made, files: tuple[str, ...]) -> None:
@@ -202,13 +202,17 @@ def _foreign(folder: Path, entry: dict[str, Any] | None, files: tuple[str, ...])
             yield file
 
 
-def _replace(folder: Path, made: Made, data: dict[str, bytes]) -> None:
-    """The new files in place of the old ones. The marker knows both as ours while they change places."""
+def _replace(folder: Path, made: Made, data: dict[str, bytes], takes_back: bool = True) -> None:
+    """The new files in place of the old ones. The marker knows both as ours while they change places.
+
+    takes_back: whether files of the old result that the new one does not have go.
+    """
     _clear(folder)
     results = _results(folder)
     old = results.get(made.command, {"files": {}})["files"]
     new = {file: [hashlib.sha256(content).hexdigest()] for file, content in data.items()}
-    entry = {"logs": {_place(path): digest for path, digest in made.logs.items()}, "files": new}
+    stay = {} if takes_back else {file: known for file, known in old.items() if file not in new}
+    entry = {"logs": {_place(path): digest for path, digest in made.logs.items()}, "files": stay | new}
     parts: dict[str, Path] = {}
     try:
         for file, content in data.items():
@@ -221,7 +225,7 @@ def _replace(folder: Path, made: Made, data: dict[str, bytes]) -> None:
         for part in parts.values():
             part.unlink(missing_ok=True)
         raise
-    for file in old.keys() - new.keys():
+    for file in old.keys() - new.keys() - stay.keys():
         if _digest(folder / file) in old[file]:
             (folder / file).unlink()
     _mark(folder, results | {made.command: entry})

@@ -141,6 +141,9 @@ def test_beside_other_files(tmp_path: Path) -> None:
     (tmp_path / "mine.csv").write_text("recorded")
     write_beside(tmp_path, made, {"s.csv": "1"})
     write_beside(tmp_path, made, {"s.csv": "2"})
+    write_beside(tmp_path, made, {"s.csv.gz": "3"})
+    assert tree(tmp_path)["s.csv.gz"] == "3"
+    write_beside(tmp_path, made, {"s.csv": "2"})
     assert tree(tmp_path)["s.csv"] == "2" and tree(tmp_path)["mine.csv"] == "recorded"
     with pytest.raises(UsageError, match=r"mine.csv: this file was not written by observer-fi"):
         write_beside(tmp_path, Made("simulate mine", {}), {"mine.csv": "1", "mine.truth.json": "1"})
