@@ -3,11 +3,12 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step
+from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step, taken
 
 if TYPE_CHECKING:
     from observer_fi.physics import Rig
     from observer_fi.records import Log
+    from observer_fi.report import Made
 
 
 def identify_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,39 +41,46 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 def run_identify(args: argparse.Namespace) -> int:
     """A rig learned from its logs."""
     from observer_fi.learn import identified_rig, identify, residuals_by_phase
-    from observer_fi.logs import log_name
     from observer_fi.physics import load_rig
-    from observer_fi.report import identify_files, identify_json, write_folder
+    from observer_fi.report import folder_name, identify_files, identify_json, write_result
 
-    rig, name = load_rig(args.rig), args.name or log_name(args.logs[0])
+    rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     fit = identify(logs, rig)
     by_phase = residuals_by_phase(logs, fit, rig.model)
     files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
-    write_folder(args.out / name, files)
+    folder = write_result(args.out, name, _made("identify", logs), files)
+    taken(args.logs[0], name, folder)
     if args.json:
         emit_json(identify_json(fit))
     elif not args.quiet:
         told = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
-        print(f"{name}: {len(fit.parameters)} parameters learned{told}  {args.out / name / 'report.html'}")
+        print(f"{folder.name}: {len(fit.parameters)} parameters learned{told}  {folder / 'identify.html'}")
     return OK
 
 
 def run_improve(args: argparse.Namespace) -> int:
     """What the simulation gets wrong, and the extended rig."""
     from observer_fi.improve import diagnosis_gain, improve
-    from observer_fi.logs import log_name
     from observer_fi.physics import load_rig
-    from observer_fi.report import improve_files, improve_headline, improve_json, write_folder
+    from observer_fi.report import folder_name, improve_files, improve_headline, improve_json, write_result
 
-    rig, name, tell = load_rig(args.rig), args.name or log_name(args.logs[0]), step(args)
+    rig, name, tell = load_rig(args.rig), folder_name(args.name, args.logs[0]), step(args)
     logs = _learning_logs(args, rig)
     record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
     tell("what diagnose gains")
     gain = diagnosis_gain(logs, record.rig, record.extended_rig)
-    write_folder(args.out / name, improve_files(record, gain, name, list(args.logs)))
+    files = improve_files(record, gain, name, list(args.logs))
+    folder = write_result(args.out, name, _made("improve", logs), files)
+    taken(args.logs[0], name, folder)
     if args.json:
         emit_json(improve_json(record, gain))
     elif not args.quiet:
-        print(f"{name}: {improve_headline(record)}  {args.out / name / 'report.html'}")
+        print(f"{folder.name}: {improve_headline(record)}  {folder / 'improve.html'}")
     return OK
+
+
+def _made(command: str, logs: "list[Log]") -> "Made":
+    from observer_fi.report import Made
+
+    return Made(command, {log.path: log.sha256 for log in logs})

@@ -8,7 +8,19 @@ from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
 from observer_fi.report.markdown import markdown_table
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
+from observer_fi.report.result_folder import (
+    Made,
+    check_beside,
+    checked_name,
+    clear_leftovers,
+    folder_name,
+    folder_of,
+    ours,
+    write_beside,
+    write_file,
+    write_folder,
+    write_result,
+)
 
 if TYPE_CHECKING:
     from observer_fi.report.comparison_page import page, table
@@ -26,11 +38,16 @@ if TYPE_CHECKING:
 __all__ = [
     "Figure",
     "MEASURED",
+    "Made",
     "at_mass",
+    "check_beside",
+    "checked_name",
     "clear_leftovers",
     "diagnose",
     "diagnosis",
     "environment",
+    "folder_name",
+    "folder_of",
     "form",
     "identify",
     "identify_files",
@@ -41,14 +58,17 @@ __all__ = [
     "improve_json",
     "json_text",
     "markdown_table",
+    "ours",
     "padded",
     "page",
     "simulate",
     "table",
     "versions",
+    "write_beside",
     "write_file",
     "write_folder",
     "write_report",
+    "write_result",
 ]
 
 # Imported when first used: they load the rooms that learn, which a verdict does not need.

@@ -40,8 +40,8 @@ def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
-        "report.html": html,
-        "rig.toml": rig_toml(record.extended_rig),
+        "improve.html": html,
+        "extended_rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
         **{f"disturbance_{k + 1}.svg": svg for k, svg in enumerate(disturbances)},
     }
@@ -170,7 +170,7 @@ def identify_files(
     )  # fmt: skip
     return {
         "identify.json": json_text(identify_json(fit)),
-        "report.html": html,
+        "identify.html": html,
         "rig.toml": rig_toml(identified),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
     }

@@ -29,7 +29,7 @@ from observer_fi.physics import Rig, Scenario, Truth, load_rig, synthesise
 from observer_fi.records import CHANNELS, Event, Fit, Log, Outcome
 from observer_fi.report import diagnosis as diagnosis_report
 from observer_fi.report import learning as learning_report
-from observer_fi.report.result_folder import write_folder
+from observer_fi.report.result_folder import Made, write_result
 from observer_fi.settings import Settings
 
 if TYPE_CHECKING:
@@ -192,24 +192,27 @@ def simulate(scenario: Scenario, rig: AnyRig = None, name: str = "synthetic") ->
 
 
 def write_report(result: Diagnosis | Identification | Improved, folder: str | Path) -> Path:
-    """Report, figures and JSON of a result into a folder, as the command of the same name does; the page's path."""
+    """Report, figures and JSON of a result into a folder, as the command of the same name does; the page's path.
+
+    A folder that holds another log's result is left alone: the result gets one with a number.
+    """
     folder = Path(folder)
     if isinstance(result, Diagnosis):
-        diagnosis_report.write(result.outcome, result.rig, folder)
-    elif isinstance(result, Identification):
-        write_folder(folder, _identify_files(result, folder.name))
-    else:
-        write_folder(folder, _improve_files(result, folder.name))
-    return folder / "report.html"
+        return diagnosis_report.write(result.outcome, result.rig, folder) / "report.html"
+    command, files_of = (
+        ("identify", _identify_files) if isinstance(result, Identification) else ("improve", _improve_files)
+    )
+    made = Made(command, {log.path: log.sha256 for log in result.logs})
+    return write_result(folder.parent, folder.name, made, files_of(result, folder.name)) / f"{command}.html"
 
 
-def _identify_files(result: Identification, name: str) -> dict[str, str]:
+def _identify_files(result: Any, name: str) -> dict[str, str]:
     by_phase = learn.residuals_by_phase(list(result.logs), result.fit, result.before.model)
     paths = [log.path for log in result.logs]
     return learning_report.identify_files(result.fit, result.before, result.rig, by_phase, name, paths)
 
 
-def _improve_files(result: Improved, name: str) -> dict[str, str]:
+def _improve_files(result: Any, name: str) -> dict[str, str]:
     gain = diagnosis_gain(list(result.logs), result.before, result.rig)
     paths = [log.path for log in result.logs]
     return learning_report.improve_files(result.record, gain, name or log_name(paths[0]), paths)

@@ -30,6 +30,7 @@ from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, tested
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
+from observer_fi.verdict.testable import Testable, for_readings, untested
 
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 MIXTURE_POINTS = 2000
@@ -120,7 +121,20 @@ class Diagnosis:
     ) -> None:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
         self.engine, self.filter_kind = engine, filter_kind
-        self.bank = make_bank(rig, settings, engine, filter_kind)
+        self._make_banks()
+        modes = tuple(h.name for h in self.bank.hypotheses)
+        self.isolator, self.testable = Isolator(modes, settings.decision), Testable()
+        self.onsets: dict[tuple[float, int], Any] = {}
+        self.overview, self.zoom = sketch.Overview(), Zoom()
+        self.baseline = Baseline(rig, settings)
+        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
+        self.begun = False
+        self.path = ""
+        self.suspects: tuple[str, ...] | None = None
+
+    def _make_banks(self) -> None:
+        rig, settings = self.rig, self.settings
+        self.bank = make_bank(rig, settings, self.engine, self.filter_kind)
         # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
         self.keeper: kernels.Bank = (
             self.bank
@@ -128,14 +142,6 @@ class Diagnosis:
             else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
         )
         self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
-        modes = tuple(h.name for h in self.bank.hypotheses)
-        self.isolator = Isolator(modes, settings.decision)
-        self.onsets: dict[tuple[float, int], Any] = {}
-        self.overview, self.zoom = sketch.Overview(), Zoom()
-        self.baseline = Baseline(rig, settings)
-        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
-        self.path = ""
-        self.suspects: tuple[str, ...] | None = None
 
     def add_all(self, logs: Iterable[Log]) -> None:
         """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
@@ -159,10 +165,20 @@ class Diagnosis:
 
     def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
         """The bank's estimate of the next chunk, and what it remembers after it."""
+        if not self.begun:
+            self._begin(log)
         estimate = self.bank.advance(log)
         if self.keeper is not self.bank:
             self.keeper.advance(log)
         return estimate, self.keeper.memory()
+
+    def _begin(self, log: Log) -> None:
+        """Fit the bank to what the first samples show of the readings."""
+        self.begun = True
+        bank = for_readings(self.settings.bank, self.rig, log.z)
+        if bank is not self.settings.bank:
+            self.settings = replace(self.settings, bank=bank)
+            self._make_banks()
 
     def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
         self.path, self.memory = log.path, memory
@@ -173,6 +189,7 @@ class Diagnosis:
             self.suspects = suspect_units(log, log_segments(log), self.rig.model)
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
+        self.testable.add(log, estimate)
         for tracker in self.isolator.add(estimate):
             self._look_for_onsets(tracker)
         judged = tested(estimate, self.settings.decision)
@@ -232,7 +249,8 @@ class Diagnosis:
         verdict = next(
             (b for a, b in zip(found.events, events, strict=True) if a is found.verdict), found.verdict
         )
-        isolation = Isolation(verdict, events, found.consistency)
+        lack = self.testable.lack(self.rate, self.rig, verdict.label)
+        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
@@ -240,8 +258,8 @@ class Diagnosis:
         mixture = self.baseline.traces()
         return Outcome(
             name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
-            self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
-            sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
+            None if lack else self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
+            None if lack else sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
         )  # fmt: skip

@@ -2,11 +2,15 @@
 
 from observer_fi.physics import FAULTS, NOMINAL, Rig
 from observer_fi.records import Event, Isolation, Log
+from observer_fi.verdict.testable import NOT_TESTED
 
 
 def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     """One paragraph: what happened, when, how sure, what it could be instead, what to do."""
-    v, row = isolation.verdict, FAULTS[isolation.verdict.label]
+    v = isolation.verdict
+    if v.label == NOT_TESTED:
+        return f"Not tested: {v.reasons[0]}, so it says nothing about the actuator."
+    row = FAULTS[v.label]
     words = [row.says(row.happened, v.channel)]
     if v.label != NOMINAL:
         words.append(_when(v))
@@ -24,8 +28,6 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
     words.append(row.says(row.action, v.channel))
-    if not isolation.events:
-        words = ["The log holds no commanded move, so it says nothing about the actuator."]
     return " ".join(words)
 
 

@@ -14,7 +14,7 @@ from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
 from observer_fi.cli.commands import COMMANDS, main
-from observer_fi.cli.options import BUG, FAULT, OK, USAGE, folder_names, tell_when_compiling
+from observer_fi.cli.options import BUG, FAULT, OK, USAGE, tell_when_compiling
 from observer_fi.physics.rigs import load_rig
 
 ROOT = Path(__file__).parents[2]
@@ -143,13 +143,6 @@ def test_a_place_that_cannot_be_written_is_bad_usage(run, tmp_path: Path) -> Non
     assert ran.code == USAGE and ran.err.count("\n") == 1
 
 
-def test_logs_of_one_name_do_not_overwrite_each_other(tmp_path: Path) -> None:
-    logs = ["a/log.csv", "b/log.csv.gz", "b/log.parquet", "a/log.csv"]
-    names, notes = folder_names(logs)
-    assert names == {"a/log.csv": "log", "b/log.csv.gz": "b_log", "b/log.parquet": "log_2"}
-    assert len(notes) == 2 and "b_log" in notes[0]
-
-
 def test_an_external_detection_starts_the_verdict(run, tmp_path: Path) -> None:
     ran = run("diagnose", sample("overload_steady"), "--json", "--out", tmp_path, "--detected-at", "2.0")
     verdict = json.loads(ran.out)["verdict"]
@@ -248,7 +241,7 @@ def test_improve_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path:
     assert [f["cause"] for f in result["findings"]] == ["viscous_friction"]
     assert result == json.loads((tmp_path / "bench" / "improve.json").read_text())
     written = {p.name for p in (tmp_path / "bench").iterdir()}
-    assert {"improve.json", "report.html", "rig.toml", "over_time.svg"} <= written
+    assert {"improve.json", "improve.html", "extended_rig.toml", "over_time.svg"} <= written
 
 
 def test_identify_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path: Path) -> None:

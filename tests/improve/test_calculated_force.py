@@ -133,9 +133,9 @@ def test_the_same_logs_give_the_same_files():
     ]
     assert files[0] == files[1]
     assert set(files[0]) == {
-        "improve.json", "report.html", "rig.toml", "over_time.svg", "curves.svg", "spectra.svg",
+        "improve.json", "improve.html", "extended_rig.toml", "over_time.svg", "curves.svg", "spectra.svg",
     }  # fmt: skip
-    page = files[0]["report.html"]
+    page = files[0]["improve.html"]
     assert "The simulation misses viscous friction" in page and "N s/m" in page
     assert "What <code>diagnose</code> gains" not in page and "want to free" not in page
 

@@ -5,19 +5,16 @@ import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from observer_fi.errors import UsageError
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Consistency, Outcome
 from observer_fi.report import chart
 from observer_fi.report import diagnosis as report
 from observer_fi.report import diagnosis_figures as figures
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 
@@ -187,45 +184,6 @@ def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) 
 )
 def test_probabilities_never_round_to_certainty(p: float, text: str) -> None:
     assert report.percent(p) == text
-
-
-# --- writing ---
-
-
-def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
-    folder = tmp_path / "move[1]"
-    write_folder(folder, {"a": "1"})
-    (tmp_path / ".move[1].x7").mkdir()
-    (tmp_path / ".move[1].x7" / "a").write_text("half")
-    (tmp_path / ".move1.x7").mkdir()
-    clear_leftovers(folder)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".move1.x7", "move[1]"]
-    assert (folder / "a").read_text() == "1"
-
-
-def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
-    folder = tmp_path / "a" / "b"
-    write_folder(folder, {"old": "1", "kept": "1"})
-    write_folder(folder, {"kept": "2"})
-    assert {p.name: p.read_text() for p in folder.iterdir()} == {"kept": "2"}
-    assert [p.name for p in folder.parent.iterdir()] == ["b"]
-
-
-def test_a_failed_write_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    write_folder(folder, {"a": "1"})
-    with pytest.raises(TypeError):
-        write_folder(folder, {"b": "2", "c": 3})  # type: ignore[dict-item]
-    assert {p.name: p.read_text() for p in folder.iterdir()} == {"a": "1"}
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_place_that_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(UsageError, match="--out"):
-        write_folder(tmp_path / "file" / "out", {"a": "1"})
-    with pytest.raises(UsageError, match="--out"):
-        write_file(tmp_path / "file" / "a", "1")
 
 
 # --- charts ---

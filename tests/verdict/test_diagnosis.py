@@ -170,8 +170,8 @@ def test_a_log_in_memory_without_its_command_gets_it_back(label: str) -> None:
 def test_a_log_at_rest_says_nothing(tmp_path: Path) -> None:
     frame, _ = make_log(TruthSpec(single_move(300.0, 0.2, rest_before_s=0.6, rest_after_s=0.1)), 1)
     outcome = diagnose(write_log(frame.iloc[:900], tmp_path / "rest.csv"), RIG, SETTINGS)
-    assert event_of(outcome).label == "nominal" and outcome.isolation.events == ()
-    assert outcome.explanation == "The log holds no commanded move, so it says nothing about the actuator."
+    assert event_of(outcome).label == "not_tested" and outcome.isolation.events == ()
+    assert outcome.explanation == "Not tested: the log holds no move, so it says nothing about the actuator."
 
 
 # --- many moves ----------------------------------------------------------------------------------
