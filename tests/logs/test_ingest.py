@@ -27,12 +27,11 @@ from scenarios import (
 )
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.cleaning import LISTED
 from observer_fi.logs.columns import COLUMNS as KINDS
 from observer_fi.logs.columns import load_columns
 from observer_fi.logs.ingest import log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.moves import log_segments
-from observer_fi.logs.tables import plain
+from observer_fi.logs.tables import LISTED, plain
 from observer_fi.logs.units import suspect_units
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
@@ -327,7 +326,9 @@ def test_lvm_with_a_decimal_comma_and_without_an_x_column(tmp_path: Path) -> Non
     assert np.allclose(log.t, healthy_move()[:, 0], atol=1e-12) and np.allclose(log.z, healthy_move()[:, 1:4])
     rows[7] = rows[7].replace(rows[7].split("\t")[2], "open")
     path.write_text(head + "Comment\n" + "\n".join(rows) + "\n")
-    with pytest.raises(InvalidLogError, match=r"row 8 \(line 28\), column current_a: 'open' is not a number"):
+    with pytest.raises(
+        InvalidLogError, match=r"row 8 \(line 28\), column current_a \(header 'Current'\): 'open'"
+    ):
         read_log(path, column_map)
 
 
@@ -387,8 +388,8 @@ MISTAKES = {
     "limits.voltage_v = 'x'": "must be a number",
     "separator = ';;'": "one character",
     "separator = ','\ndecimal_comma = true": "exclude each other",
-    "header_line = 0": "header_line must be 1 or more",
-    "header_line = true": "header_line must be a int",
+    "header_line = 0": "header_line must be greater than or equal to 1",
+    "header_line = true": "header_line must be a whole number",
     "header_line = 4\ndata_line = 4": "data_line must come after",
     "encoding = 'klingon'": "no encoding 'klingon'",
     "missing = 'OVL'": "missing must be a list",
@@ -416,8 +417,9 @@ def test_units_turn_into_those_of_the_contract(tmp_path: Path) -> None:
         assert kind.units[kind.unit] == 1.0
         for unit, factor in kind.units.items():
             path = tmp_path / "map.toml"
-            path.write_text(f'columns.{column} = {{ header = "h", unit = "{unit}", factor = -2.0 }}')
-            assert load_columns(path).source(column) == ("h", -2.0 * factor)
+            by = 2.0 if column == "time_s" else -2.0
+            path.write_text(f'columns.{column} = {{ header = "h", unit = "{unit}", factor = {by} }}')
+            assert load_columns(path).source(column) == ("h", by * factor)
 
 
 def test_a_header_that_looks_right_is_suggested(tmp_path: Path) -> None:
