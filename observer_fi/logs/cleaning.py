@@ -75,7 +75,7 @@ class _Masked:
     """The samples of one block that were repaired, masked or left out."""
 
     def __init__(self, block: Block) -> None:
-        self.rows, self.count = block.rows, block.left_out.count
+        self.rows, self.count = block.rows, block.left_out.total
         self.entries = list(block.left_out.entries)
 
     def add(self, which: Indices, column: str, reason: str, values: Array | None = None) -> None:
@@ -117,7 +117,7 @@ def _ending_on_a_time(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
         held = [rest]
         if end:
             yield _part(block, slice(0, end), block.left_out)
-    if held and (held[0].rows.size or held[0].left_out.count):
+    if held and (held[0].rows.size or held[0].left_out.total):
         yield held[0]
 
 
@@ -260,7 +260,7 @@ def _log(block: Block, tally: Tally) -> Log:
     tally.rejected.extend(log.rejected[: LISTED - len(tally.rejected)])
     tally.rejected_count += log.rejected_count
     tally.samples += t.size
-    tally.left_out += block.left_out.count
+    tally.left_out += block.left_out.total
     tally.last_t = float(t[-1]) if t.size else tally.last_t
     return log
 

@@ -45,7 +45,7 @@ class LeftOut(NamedTuple):
     """Rows of the file that are no samples: the first `LISTED` of them with their reasons, and how many there are."""
 
     entries: tuple[Rejected, ...] = ()
-    count: int = 0
+    total: int = 0
 
 
 NONE = LeftOut()
@@ -61,7 +61,7 @@ def together(parts: Iterable[LeftOut]) -> LeftOut:
     """What was left out of several blocks, in order."""
     parts = list(parts)
     entries = [entry for part in parts for entry in part.entries]
-    return LeftOut(tuple(entries[:LISTED]), sum(part.count for part in parts))
+    return LeftOut(tuple(entries[:LISTED]), sum(part.total for part in parts))
 
 
 class Block(NamedTuple):
@@ -161,7 +161,7 @@ def regrouped(blocks: Iterator[Block], rows: int) -> Iterator[Block]:
             stop = start + rows - count
             yield joined_blocks([*held, _cut(block, start, stop, left_out)])
             held, count, start, left_out = [], 0, stop, NONE
-        if start < block.rows.size or left_out.count:
+        if start < block.rows.size or left_out.total:
             held.append(_cut(block, start, block.rows.size, left_out))
             count += block.rows.size - start
     if held:

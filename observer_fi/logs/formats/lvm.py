@@ -17,20 +17,18 @@ _CLOCK = "clock of "  # before the name of a column: its own column of times
 
 
 class _Layout(NamedTuple):
-    """headers: of the columns, repeated ones numbered; entries: of the two headers, by their first word."""
+    """headers: of the columns, repeated ones numbered; entries: of the two headers, by their first word.
+
+    x_columns: how times stand in the file: "One" column, one a channel ("Multi"), or "No".
+    """
 
     headers: list[str]
     separator: str
     decimal: str
     first_line: int
     entries: dict[str, list[str]]
+    x_columns: str
     comment: bool
-
-    @property
-    def x_columns(self) -> str:
-        """How times stand in the file: one column, one a channel, or none."""
-        kind = self.entries.get("X_Columns", ["One"])[0].strip()
-        return "No" if "X_Value" not in self.headers else kind
 
 
 def open_lvm(source: Source, column_map: ColumnMap) -> Table:
@@ -83,7 +81,9 @@ def _layout(source: Source, column_map: ColumnMap) -> _Layout:
     decimal = entries.get("Decimal_Separator", ["."])[0].strip() or "."
     if decimal not in (".", ",") or decimal == separator:
         raise InvalidLogError(f"{path}: Decimal_Separator of the header is {decimal!r}; export with a point")
-    return _Layout(headers[:-1] if comment else headers, separator, decimal, header_at + 2, entries, comment)
+    x_columns = entries.get("X_Columns", ["One"])[0].strip() if "X_Value" in headers else "No"
+    headers = headers[:-1] if comment else headers
+    return _Layout(headers, separator, decimal, header_at + 2, entries, x_columns, comment)
 
 
 def _metadata(entries: dict[str, list[str]]) -> tuple[str, ...]:

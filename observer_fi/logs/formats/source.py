@@ -80,7 +80,7 @@ class Source:
     def sha256(self) -> str:
         """SHA-256 of the file. Raises InvalidLogError if it changed since it was opened first."""
         with self.open() as stream:
-            found = hashlib.file_digest(stream, "sha256").hexdigest()
+            found = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
         self.check()
         return found
 
@@ -114,10 +114,16 @@ def utf8_pieces(source: Source, encoding: str | None) -> Iterator[bytes]:
         while True:
             try:
                 piece = stream.read(PIECE_BYTES)
+                text = piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
+            except UnicodeError as error:
+                raise InvalidLogError(
+                    f"{source.path}: cannot be decoded as {encoding} ({str(error)[:100]}); name the right encoding in a "
+                    "column map"
+                ) from error
             except (OSError, EOFError, zlib.error) as error:
                 raise InvalidLogError(
                     f"{source.path}: breaks off ({str(error)[:100]}); copy or export it again"
                 ) from error
-            yield piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
+            yield text
             if not piece:
                 return

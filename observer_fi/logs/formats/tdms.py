@@ -39,6 +39,10 @@ def open_tdms(source: Source, column_map: ColumnMap) -> Table:
             channels = [channel for group in file.groups() for channel in group.channels()]
             names = [(str(channel.group_name), str(channel.name)) for channel in channels]
             metadata = tuple(f"{key}: {value}" for key, value in file.properties.items())
+            cut = bool(channels) and file.file_status.incomplete_final_segment
+        if cut or not channels:
+            what = "its last segment breaks off" if cut else "it holds no channels"
+            raise InvalidLogError(f"{source.path}: " + _DAMAGED.format(what))
         if len(channels) > MOST_CHANNELS:
             raise InvalidLogError(
                 f"{source.path}: {len(channels)} channels, more than {MOST_CHANNELS}; export those that are needed"

@@ -100,16 +100,20 @@ class _Reader:
     def block(self, text: bytes) -> Block:
         there = text.count(b"\n")
         lines = _Lines(text, np.arange(self.line + 1, self.line + there + 1), [], 0)
-        found = None if b'"' in text and self.weird.search(text) else self._plainly(lines, '"')
+        found = None if self._strange_quotes(text) else self._plainly(lines, '"')
         if found is None:
             lines = self._judged(text)
             found = self._plainly(lines, False)
         if found is None:
             raise self._not_a_number(lines)
         self.line, self.blank = self.line + there, self.blank + lines.blank
-        self.good, self.bad = self.good + found.rows.size, self.bad + found.left_out.count
+        self.good, self.bad = self.good + found.rows.size, self.bad + found.left_out.total
         self._check(found)
         return found
+
+    def _strange_quotes(self, text: bytes) -> bool:
+        """Whether there are quotes within a field, or one that is never closed: arrow would read on behind it."""
+        return b'"' in text and (text.count(b'"') % 2 == 1 or self.weird.search(text) is not None)
 
     def _plainly(self, lines: _Lines, quote: str | bool) -> Block | None:
         """The block if arrow makes one row of every line, else None."""
@@ -135,8 +139,9 @@ class _Reader:
         return Block(kept, values, left_out_rows([*lines.left_out, *left_out]))
 
     def _curable(self, row: Any) -> bool:
-        """Whether a line that arrow cannot use is none (blank), or fits without its comment."""
-        return (self.layout.comment and row.actual_columns == self.layout.fields + 1) or not row.text.strip()
+        """Whether a line that arrow cannot use is none (blank), a comment, or fits without its comment."""
+        with_comment = self.layout.comment and row.actual_columns == self.layout.fields + 1
+        return with_comment or not row.text.strip() or row.text.startswith("#")
 
     def _judged(self, text: bytes) -> _Lines:
         """The lines that are rows, without quotes and comments; what cannot be a row is left out, listed."""
@@ -148,7 +153,7 @@ class _Reader:
             if not line.strip(b" \t\x0b\x0c"):
                 blank += 1
                 continue
-            plain_line, reason = self._row(line) if line[:1] in b'#"' or b'"' in line else (line, "")
+            plain_line, reason = self._row(line, row) if line[:1] in b'#"' or b'"' in line else (line, "")
             if reason:
                 left_out.append(Rejected(row, "time_s", f"row left out: {reason}"))
                 continue
@@ -157,7 +162,7 @@ class _Reader:
         joined = b"\n".join(kept) + b"\n" if kept else b""
         return _Lines(joined, np.array(rows, dtype=np.int64), left_out, blank)
 
-    def _row(self, line: bytes) -> tuple[bytes, str]:
+    def _row(self, line: bytes, row: int) -> tuple[bytes, str]:
         """A line with quotes or a comment as plain fields, or the reason why it is no row."""
         if line.startswith(b"#"):
             return line, "a comment"
@@ -166,10 +171,11 @@ class _Reader:
             fields = next(csv.reader([text], delimiter=separator, strict=True))
         except csv.Error:
             return line, "a quote is not closed, or stands within a field"
-        used = set(self.layout.used.values())
-        plain_fields = [
-            field if separator not in field else "?" if k in used else "" for k, field in enumerate(fields)
-        ]
+        for column, k in self.layout.used.items():
+            if k < len(fields) == self.layout.fields and separator in fields[k]:
+                where = self.layout.first_line + row - 1
+                raise not_a_number(self.path, row, self.layout.shown[column], fields[k], where)
+        plain_fields = ["" if separator in field else field for field in fields]
         return separator.join(plain_fields).encode("utf-8", "surrogateescape"), ""
 
     def _without_comment(self, line: bytes) -> bytes:
@@ -180,7 +186,7 @@ class _Reader:
 
     def _check(self, found: Block) -> None:
         """A broken line now and then is a hiccup of the logger; every second line is a wrong separator."""
-        if self.bad > max(10, self.good // 10) and found.left_out.count:
+        if self.bad > max(10, self.good // 10) and found.left_out.total:
             first = found.left_out.entries[0]
             where = place(first.row, self.layout.first_line + first.row - 1)
             reason = first.reason.removeprefix("row left out: ").replace("instead of", "where the header has")
