@@ -111,7 +111,7 @@ def load_settings(path: str | Path | None) -> Settings:
 
 
 # Shares and probabilities; every other number may be of any size from 0 on.
-_AT_MOST_ONE = ("mended", "between_rate", "rare", "repeat_weight", "noisy_weight", "isolated")
+AT_MOST_ONE = ("mended", "between_rate", "rare", "repeat_weight", "noisy_weight", "isolated")
 
 
 def _changed(group: Any, name: str, values: Any) -> Any:
@@ -137,7 +137,7 @@ def _model(group: type) -> Any:
     from pydantic import ConfigDict, Field, create_model
 
     def of(name: str, kind: Any) -> Any:
-        limited = Field(ge=0.0, le=1.0 if name in _AT_MOST_ONE else 1e12, allow_inf_nan=False)
+        limited = Field(ge=0.0, le=1.0 if name in AT_MOST_ONE else 1e12, allow_inf_nan=False)
         return {
             float: Annotated[float, limited], dict[str, float]: dict[str, Annotated[float, limited]],
             int: Annotated[int, Field(ge=0, le=10**6)],

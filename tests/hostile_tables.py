@@ -60,7 +60,9 @@ RIGS: dict[str, str] = {
     parameter("Rm", "[20.2]"): "parameters.Rm.value must be a number",
     parameter("Rm", "2024-05-17"): "parameters.Rm.value must be a number",
     parameter("Rm", "{ value = 20.2, unit = 3 }"): "parameters.Rm.unit must be a text",
-    parameter("Rm", "{ value = 20.2, spread = -0.1 }"): "parameters.Rm.spread must be greater than or equal to 0",
+    parameter(
+        "Rm", "{ value = 20.2, spread = -0.1 }"
+    ): "parameters.Rm.spread must be greater than or equal to 0",
     parameter("Rm", "{ value = 20.2, spread = nan }"): "parameters.Rm.spread must be a finite number",
     parameter("Rm", "{ value = 20.2, std = -1 }"): "parameters.Rm.std must be greater than or equal to 0",
     parameter("Rm", "{ value = 20.2, std = inf }"): "parameters.Rm.std must be a finite number",
@@ -91,7 +93,7 @@ RIGS: dict[str, str] = {
     f"name = ''\n[parameters]{PARAMETERS}": "name must",
     f"name = 3\n[parameters]{PARAMETERS}": "name must be a text",
     f"source = {{}}\n[parameters]{PARAMETERS}": "source must be a text",
-}  # fmt: skip
+}
 
 SETTINGS: dict[str, str] = {
     **ANY,
@@ -150,8 +152,20 @@ MAPS: dict[str, str] = {
     "missing = ['']": "missing.0 must",
     **{
         f"encoding = '{name}'": "there is no encoding"
-        for name in ("rot13", "base64", "hex", "zip", "punycode", "idna", "undefined", "unicode_escape", "", "utf 99", "../x")
+        for name in (
+            "rot13",
+            "base64",
+            "hex",
+            "zip",
+            "punycode",
+            "idna",
+            "undefined",
+            "unicode_escape",
+            "",
+            "utf 99",
+            "../x",
+        )
     },
     'encoding = "a\\u0000b"': "there is no encoding",
     "encoding = 8": "encoding must be a text",
-}  # fmt: skip
+}

@@ -45,16 +45,20 @@ def test_a_command_ends_in_that_line_and_with_exit_code_2(
     option: str, command: str, tmp_path: Path, capsys
 ) -> None:
     (tmp_path / "log.csv").write_text(csv_text(healthy_rows()))
-    for text in (RIGS if option == "--rig" else MAPS).keys() - {""}:
+    for text in sorted(RIGS if option == "--rig" else MAPS)[:: 1 if command == "diagnose" else 9]:
         path = tmp_path / "given.toml"
         path.write_text(text, encoding="utf-8")
-        assert main([command, str(tmp_path / "log.csv"), option, str(path), "--out", str(tmp_path / "out")]) == 2
+        assert (
+            main([command, str(tmp_path / "log.csv"), option, str(path), "--out", str(tmp_path / "out")]) == 2
+        )
         out, err = capsys.readouterr()
         assert out == "" and err.count("\n") == 1 and "Traceback" not in err, (text[-60:], err)
 
 
 @pytest.mark.parametrize("load", [load_rig, load_settings, load_columns])
-@pytest.mark.parametrize("path", ["folder.toml", "nowhere.toml", "a\0b.toml", "n" * 300 + ".toml", "pipe.toml", "/dev/zero"])  # fmt: skip
+@pytest.mark.parametrize(
+    "path", ["folder.toml", "nowhere.toml", "a\0b.toml", "n" * 300 + ".toml", "pipe.toml", "/dev/zero"]
+)
 def test_what_is_no_file_is_refused_without_waiting(load, path: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.toml").mkdir()
@@ -72,11 +76,13 @@ def test_bytes_that_are_no_utf_8(tmp_path: Path) -> None:
 # --- fuzzing: the values of a right file exchanged for any others ----------------------------------
 
 VALUES = st.one_of(
-    st.sampled_from(("nan", "inf", "-inf", "true", "''", "[]", "{}", "1e308", "-1", "0", "[[1]]", "2024-05-17", "0x7f")),
+    st.sampled_from(
+        ("nan", "inf", "-inf", "true", "''", "[]", "{}", "1e308", "-1", "0", "[[1]]", "2024-05-17", "0x7f")
+    ),
     st.floats().map(repr),
     st.integers().map(str),
     st.text(st.characters(codec="utf-8", exclude_characters="'\n\r"), max_size=9).map(lambda t: f"'{t}'"),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("kind", ["rig", "settings", "map"])

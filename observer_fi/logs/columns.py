@@ -218,9 +218,8 @@ def _encoding(name: str | None) -> str | None:
         raw = _SAMPLE.encode(name)
         decoder = codecs.getincrementaldecoder(name)()
         pieces = [decoder.decode(raw[k : k + 1], k + 1 == len(raw)) for k in range(len(raw))]
-        usable = (
-            "".join(pieces).lstrip("\ufeff") == _SAMPLE and codecs.lookup(name).name not in _NOT_FOR_FILES
-        )
+        known_as = codecs.lookup(name).name.replace("_", "-")
+        usable = "".join(pieces).lstrip("\ufeff") == _SAMPLE and known_as not in _NOT_FOR_FILES
     except (LookupError, ValueError, TypeError, AttributeError, AssertionError):
         usable = False
     if not usable:
@@ -228,14 +227,7 @@ def _encoding(name: str | None) -> str | None:
     return name
 
 
-_NOT_FOR_FILES = (
-    "unicode_escape",
-    "raw-unicode-escape",
-    "raw_unicode_escape",
-    "idna",
-    "punycode",
-    "undefined",
-)
+_NOT_FOR_FILES = ("unicode-escape", "raw-unicode-escape", "idna", "punycode", "undefined")
 
 
 def missing_column(path: str, column: str, headers: list[str], column_map: ColumnMap) -> InvalidLogError:

@@ -79,7 +79,11 @@ class LogFile:
         Raises InvalidLogError; for a fault deep in the file only when its chunk is reached.
         """
         tally = Tally(self.path, self._map, self._table)
-        yield from cleaned(self._table.blocks(rows), tally)
+        try:
+            yield from cleaned(self._table.blocks(rows), tally)
+        except InvalidLogError:
+            self._source.check()  # what is wrong with a file that changed on the way is that it did
+            raise
         self._source.check()
         self._summary = summary(tally)
 

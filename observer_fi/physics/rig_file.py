@@ -13,7 +13,7 @@ from observer_fi.physics.equations import PARAMETERS
 from observer_fi.toml_files import checked
 
 # Name of a parameter: smallest and largest value, SI units. A bound that is open (above 0) is a number no rig comes near.
-_ABOVE_ZERO = 1e-30
+ABOVE_ZERO = 1e-30
 RANGES: dict[str, tuple[float, float]] = {
     "Rm": (1e-6, 1e6),
     "Km": (1e-9, 1e3),
@@ -29,14 +29,14 @@ RANGES: dict[str, tuple[float, float]] = {
     "accel_cmd": (1e-6, 1e12),
     "coupling": (0.0, 1.0),
     "contact": (0.0, 1.0),
-    "stribeck_speed": (_ABOVE_ZERO, 1e9),
-    "shaft_order": (_ABOVE_ZERO, 1e6),
-    "screw_lead": (_ABOVE_ZERO, 1e3),
-    "bump_width": (_ABOVE_ZERO, 1e3),
-    "position_period": (_ABOVE_ZERO, 1e3),
-    "heating_time": (_ABOVE_ZERO, 1e9),
-    "sag_time": (_ABOVE_ZERO, 1e9),
-    "brush_current": (_ABOVE_ZERO, 1e6),
+    "stribeck_speed": (ABOVE_ZERO, 1e9),
+    "shaft_order": (ABOVE_ZERO, 1e6),
+    "screw_lead": (ABOVE_ZERO, 1e3),
+    "bump_width": (ABOVE_ZERO, 1e3),
+    "position_period": (ABOVE_ZERO, 1e3),
+    "heating_time": (ABOVE_ZERO, 1e9),
+    "sag_time": (ABOVE_ZERO, 1e9),
+    "brush_current": (ABOVE_ZERO, 1e6),
     "servo_delay": (-1.0, 1.0),
     "tick_phase": (-1.0, 1.0),
     "input_delay": (-1.0, 10.0),
@@ -44,7 +44,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "position_lag": (0.0, 10.0),
     "position_delay": (-1.0, 10.0),
     "voltage_delay": (-1.0, 10.0),
-    "integrator_limit": (_ABOVE_ZERO, math.inf),
+    "integrator_limit": (ABOVE_ZERO, math.inf),
     "accel_limit": (1e-6, math.inf),
     "x_stop_high": (-1e3, math.inf),
     "x_stop_low": (-math.inf, 1e3),
@@ -122,7 +122,7 @@ def _check_range(name: str, value: float) -> None:
         return
     low, high = RANGES.get(name, (-LARGEST, LARGEST))
     if not low <= value <= high:
-        said = "above 0" if low == _ABOVE_ZERO else f"from {low:g}"
+        said = "above 0" if low == ABOVE_ZERO else f"from {low:g}"
         unit = f" {PARAMETERS[name][0]}" if name in PARAMETERS else ""
         raise ValueError(f"parameters.{name}.value must be a number {said} to {high:g}{unit}, got {value:g}")
 

@@ -45,7 +45,7 @@ class Source:
             if not stat.S_ISREG(found.st_mode):
                 raise InvalidLogError(f"{path}: cannot read the log ({_kind(found.st_mode)}); give a file")
             self._first = _identity(found)
-            with self.open() as stream:
+            with open(path, "rb") as stream:
                 self.magic = stream.read(4)
         except InvalidLogError:
             raise
@@ -62,7 +62,10 @@ class Source:
 
     def open(self) -> BinaryIO:
         """The bytes from the first on; the caller closes it. Raises InvalidLogError if they are no longer the same file."""
-        stream = open(self.path, "rb")  # noqa: SIM115
+        try:
+            stream = open(self.path, "rb")  # noqa: SIM115
+        except OSError as error:
+            raise self._replaced() from error
         if _identity(os.fstat(stream.fileno())) != self._first:
             stream.close()
             raise self._replaced()
@@ -114,7 +117,9 @@ def utf8_pieces(source: Source, encoding: str | None) -> Iterator[bytes]:
         while True:
             try:
                 piece = stream.read(PIECE_BYTES)
-                text = piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
+                text = (
+                    piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
+                )
             except UnicodeError as error:
                 raise InvalidLogError(
                     f"{source.path}: cannot be decoded as {encoding} ({str(error)[:100]}); name the right encoding in a "

@@ -98,7 +98,7 @@ class _Reader:
         self.weird = re.compile(rb'[^\n"%b]"[^\n"%b]' % ((re.escape(layout.separator.encode()),) * 2))
 
     def block(self, text: bytes) -> Block:
-        there = text.count(b"\n")
+        text, there = _utf8(text), text.count(b"\n")
         lines = _Lines(text, np.arange(self.line + 1, self.line + there + 1), [], 0)
         found = None if self._strange_quotes(text) else self._plainly(lines, '"')
         if found is None:
@@ -215,6 +215,13 @@ class _Reader:
             f"{self.path}: {place(first, self.layout.first_line + first - 1)} and the rows behind it cannot be read as "
             "a table of numbers; export it again"
         )
+
+
+def _utf8(text: bytes) -> bytes:
+    """The text with a mark for what is no UTF-8: arrow cannot hand such a line out, and no number needs it."""
+    if text.isascii():
+        return text
+    return text.decode("utf-8", "replace").encode("utf-8")
 
 
 def _arrow_table(text: bytes, layout: TextLayout, quote: str | bool, short: list[Any]) -> Any:
