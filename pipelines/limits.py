@@ -5,7 +5,7 @@ from pathlib import Path
 from observer_fi import settings, toml_files
 from observer_fi.bank import log_feed
 from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
-from observer_fi.logs.formats import csv, registry, source, tdms, text_rows, waveforms
+from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
 from observer_fi.physics import PARAMETERS, rig_file
 
 PAGE = Path(__file__).parent.parent / "docs" / "limits.md"
@@ -87,7 +87,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
         ),
         (
             "clocks of TDMS channels",
-            f"samples within {waveforms.OFF:g} of an interval of one common clock, which has at most {waveforms.MOST_STRETCH} times their rows",
+            f"samples within {waveforms.OFF:g} of an interval of one clock, at most {waveforms.MOST_STRETCH} times their rows",
             "else: refused, with the names of two channels; nothing is interpolated",
         ),
         ("clocks of LVM channels", "the same for all channels", "else: refused, with their names"),
@@ -132,12 +132,13 @@ def page() -> str:
             "A column map can set another limit for a log (`[limits]`).\n",
             table(("column", "largest magnitude"), rows_of_columns()),
             "## Rig files, settings, column maps\n",
-            f"TOML of at most {toml_files.MOST_BYTES >> 20} MB. Every value has its type (a text or a truth value is no number) and is finite;",
-            "noise is above 0, spreads and standard errors are 0 or more; other parameters are within 1e15.\n",
+            f"TOML of at most {toml_files.MOST_BYTES >> 20} MB. Every value has its type (a text or a truth value is no number)",
+            "and is finite; noise is above 0, spreads and standard errors are 0 or more; other parameters are within 1e15.\n",
             table(("parameter", "range", "unit"), rows_of_rigs()),
-            f"Settings are 0 or more; {shares} are at most 1. In a column map every header belongs to one column, a separator is one",
-            "character that is no part of a number, a factor is within 1e15 and not 0 (that of the time above 0), a limit is above 0,",
-            f"the first row stands within {columns.MOST_HEADER_LINES:,} lines, and an encoding is one that text can be read in piece by piece.",
+            f"Settings are 0 or more; {shares} are at most 1. In a column map",
+            "every header belongs to one column, a separator is one character that is no part of a number, a factor is within",
+            "1e15 and not 0 (that of the time above 0), a limit is above 0, the first row stands within",
+            f"{columns.MOST_HEADER_LINES:,} lines, and an encoding is one that text can be read in piece by piece.",
             "",
         ]
     )

@@ -77,7 +77,7 @@ TOKENS = (
 def mutated(seeds: list[bytes], rng: np.random.Generator) -> bytes:
     """One of the seeds after one to eight changes."""
     data = bytearray(seeds[rng.integers(len(seeds))])
-    for _ in range(int(rng.integers(1, 9))):
+    for _ in range(min(int(rng.geometric(0.4)), 8)):
         CHANGES[rng.integers(len(CHANGES))](data, seeds, rng)
     return bytes(data[: 1 << 20])
 
