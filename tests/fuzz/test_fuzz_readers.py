@@ -14,4 +14,4 @@ def test_mutated_inputs_are_read_or_refused(target: str) -> None:
     outcomes = fuzz(target, 150, seed=7)
     assert not [outcome for outcome in outcomes if outcome.startswith("FIND")], outcomes
     assert outcomes["refused"] + outcomes["listed"] > 20
-    assert target in ("settings", "map", "gz", "tdms") or outcomes["read"] + outcomes["listed"] > 5
+    assert outcomes["read"] + outcomes["listed"] >= (0 if target == "gz" else 1)

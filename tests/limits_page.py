@@ -1,4 +1,4 @@
-"""docs/limits.md from the limits in the code: `python -m pipelines.limits`."""
+"""docs/limits.md from the limits in the code: `python tests/limits_page.py`."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "limits.md"
 
 INTRO = """# Limits
 
-What is accepted, what is refused, and why. Written by `python -m pipelines.limits` from the limits in the code; a test keeps
+What is accepted, what is refused, and why. Written by `python tests/limits_page.py` from the limits in the code; a test keeps
 it in step. A refusal is one line (file, place, what is wrong, what to do) and exit code 2. What is left out or masked is
 listed; after reading, the rows of the file must be the samples and the rows left out, or the log is refused.
 """
