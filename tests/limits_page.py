@@ -92,6 +92,11 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
         ),
         ("clocks of LVM channels", "the same for all channels", "else: refused, with their names"),
         (
+            "row group of a Parquet file",
+            f"{parquet.MOST_GROUP_BYTES >> 20} MB a column",
+            "refused: write it in smaller row groups",
+        ),
+        (
             "types of Parquet columns",
             "whole, real and decimal numbers, and texts of numbers",
             "else: refused",

@@ -53,7 +53,7 @@ def open_csv(source: Source, column_map: ColumnMap) -> Table:
 def _layout(source: Source, column_map: ColumnMap) -> _Layout:
     path, head = source.path, first_bytes(source, column_map.encoding)
     texts, notes = decoded(head, column_map.encoding)
-    if _binary("\n".join(texts)):
+    if _binary(texts):
         raise InvalidLogError(f"{path}: this is not a table of text but binary data; export the log as CSV")
     header_at = _header_index(path, texts, column_map)
     data_at = header_at + 1 if column_map.data_line is None else column_map.data_line - 1
@@ -99,9 +99,11 @@ def decoded(head: bytes, encoding: str | None) -> tuple[list[str], tuple[str, ..
     return [line.decode(name, "replace") for line in head.splitlines()], notes
 
 
-def _binary(text: str) -> bool:
-    strange = sum(not c.isprintable() and c not in "\r\n\t" for c in text)
-    return "\0" in text or strange > 0.01 * len(text)
+def _binary(texts: list[str]) -> bool:
+    """Whether there are zero bytes, or more than one character in a hundred that cannot be shown."""
+    doubtful = [text for text in texts if not text.replace("\t", "").isprintable()]
+    strange = sum(not c.isprintable() and c != "\t" for text in doubtful for c in text)
+    return any("\0" in text for text in doubtful) or strange > 0.01 * sum(map(len, texts))
 
 
 def _header_index(path: str, lines: list[str], column_map: ColumnMap) -> int:

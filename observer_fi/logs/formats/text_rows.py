@@ -95,6 +95,8 @@ class _Reader:
     def __init__(self, path: str, layout: TextLayout) -> None:
         self.path, self.layout = path, layout
         self.line = self.blank = self.bad = self.good = 0
+        separator = layout.separator.encode()
+        self.edges = (separator + b'"', b'"' + separator, b'\n"', b'"\n')
         self.weird = re.compile(rb'[^\n"%b]"[^\n"%b]' % ((re.escape(layout.separator.encode()),) * 2))
 
     def block(self, text: bytes) -> Block:
@@ -113,7 +115,11 @@ class _Reader:
 
     def _strange_quotes(self, text: bytes) -> bool:
         """Whether there are quotes within a field, or one that is never closed: arrow would read on behind it."""
-        return b'"' in text and (text.count(b'"') % 2 == 1 or self.weird.search(text) is not None)
+        quotes = text.count(b'"')
+        if not quotes:
+            return False
+        at_edges = sum(map(text.count, self.edges)) + text.startswith(b'"')
+        return quotes % 2 == 1 or (at_edges != quotes and self.weird.search(text) is not None)
 
     def _plainly(self, lines: _Lines, quote: str | bool) -> Block | None:
         """The block if arrow makes one row of every line, else None."""
