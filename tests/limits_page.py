@@ -93,7 +93,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
         ("clocks of LVM channels", "the same for all channels", "else: refused, with their names"),
         (
             "row group of a Parquet file",
-            f"{parquet.MOST_GROUP_BYTES >> 20} MB a column",
+            f"{parquet.MOST_GROUP_BYTES >> 20} MB, unpacked",
             "refused: write it in smaller row groups",
         ),
         (

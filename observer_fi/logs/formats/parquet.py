@@ -13,7 +13,9 @@ from observer_fi.logs.tables import Block, RowCount, Table, not_a_number, plain,
 from observer_fi.records import Array
 
 BATCH_ROWS = 1 << 16
-MOST_GROUP_BYTES = 1 << 29  # of a column in one row group, unpacked: what a page of it may ask for
+# Of a row group, unpacked: what a page of it may ask for. (Its columns are not looked at one by one: pyarrow ends the process
+# where the metadata of one are damaged.)
+MOST_GROUP_BYTES = 1 << 30
 _DAMAGED = "not a whole Parquet file ({}); copy or export it again"
 _NO_LOG = (b"ARROW:schema", b"pandas")
 
@@ -29,17 +31,16 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
         raw, total = dict(file.schema_arrow.metadata or {}), int(file.metadata.num_rows)
         groups = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
         types = list(file.schema_arrow.types)
-        largest = _largest_columns(file.metadata)
+        largest = max((file.metadata.row_group(k).total_byte_size for k in range(len(groups))), default=0)
     if total != sum(groups) or min(groups, default=0) < 0:
         raise InvalidLogError(f"{source.path}: " + _DAMAGED.format("its row groups do not add up"))
+    if largest > MOST_GROUP_BYTES:
+        raise InvalidLogError(
+            f"{source.path}: a row group has {largest >> 20} MB, more than {MOST_GROUP_BYTES >> 20} MB; write it in smaller ones"
+        )
     at = positions(source.path, headers, column_map)
     for column, k in at.items():
         _check_type(source.path, column, types[k])
-        if largest.get(headers[k], 0) > MOST_GROUP_BYTES:
-            raise InvalidLogError(
-                f"{source.path}: column {column} has {largest[headers[k]] >> 20} MB in one row group, more than "
-                f"{MOST_GROUP_BYTES >> 20} MB; write it in smaller row groups"
-            )
     metadata = tuple(
         f"{key.decode('utf-8', 'replace')}: {value[:2000].decode('utf-8', 'replace')}"
         for key, value in raw.items()
@@ -51,17 +52,6 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
         return regrouped(_blocks(source, {c: headers[k] for c, k in at.items()}, rows, remarks), rows)
 
     return Table(tuple(at), blocks, count, metadata, remarks=remarks)
-
-
-def _largest_columns(metadata: Any) -> dict[str, int]:
-    """Bytes that each column has at most in a row group, unpacked."""
-    found: dict[str, int] = {}
-    for k in range(metadata.num_row_groups):
-        group = metadata.row_group(k)
-        for column in map(group.column, range(group.num_columns)):
-            name = column.path_in_schema
-            found[name] = max(found.get(name, 0), int(column.total_uncompressed_size))
-    return found
 
 
 def _check_type(path: str, column: str, kind: Any) -> None:
