@@ -163,6 +163,17 @@ ENDS = (
 
 FIELDS = (
     Scenario(
+        "a row of other bytes with too few fields",
+        _file("log.csv", lambda: csv_text(healthy_rows()).encode() + b"1.0,\xff\xfe,2\n"),
+        rejected=1,
+        samples=1600,
+    ),
+    Scenario(
+        "a header of characters that do not exist",
+        _file("log.csv", lambda: csv_text(healthy_rows(), ("\uf57ftime_s", *COLUMNS[1:]))),
+        error=r"time_s is missing.*\\uf57ftime_s",
+    ),
+    Scenario(
         "one field too many in every row",
         _spoilt(extra(1)),
         error="7 fields where the header has 6, and 1600 rows",
