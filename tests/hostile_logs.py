@@ -896,6 +896,12 @@ LVMS = (
         ("***End_of_Header***", "***"),
         error="not a LabVIEW measurement file",
     ),
+    _v(
+        "an empty line of column names",
+        lambda rows: None,
+        ("X_Value\tVoltage\tCurrent\tPosition\tCommand\t", "\n"),
+        error="missing|X0|not a|no samples",
+    ),
     _v("no rows", lambda rows: rows.clear(), error="no samples"),
     _v(
         "escapes in the header",

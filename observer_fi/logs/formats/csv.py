@@ -128,7 +128,7 @@ def header_fields(path: str, number: int, line: str, separator: str) -> list[str
             f"{path}: line {number} has {len(line)} characters, too many for a header of column names; export the log again"
         )
     try:
-        headers = [field.strip() for field in next(csv.reader([line], delimiter=separator))]
+        headers = [field.strip() for field in next(csv.reader([line], delimiter=separator))] or [""]
     except (csv.Error, StopIteration) as error:
         raise InvalidLogError(
             f"{path}: line {number} is no header of column names ({error}); export the log again"
