@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import header_fields
 from observer_fi.logs.plain_lines import numbers
@@ -133,12 +133,7 @@ class Parser:
 
     def _header(self, line: str) -> None:
         self.separator = self.map.separator or max(",;\t|", key=line.count)
-        try:
-            self.headers = header_fields(line, self.separator)
-        except csv.Error as error:
-            raise InvalidLogError(
-                f"{self.source}: line {self.number} is no header ({error}); send one line of column names first"
-            ) from error
+        self.headers = header_fields(self.source, self.number, line, self.separator)
         if all(_is_number(text.replace(",", ".")) for text in self.headers):
             raise InvalidLogError(
                 f"{self.source}: line {self.number} holds numbers, not column names; send a header first, "
@@ -202,8 +197,11 @@ class Parser:
     def _json(self, line: str) -> Row | None:
         try:
             found = json.loads(line)
-        except (ValueError, RecursionError) as error:
-            raise BrokenLineError(f"no JSON object ({str(error)[:80]})") from error
+        except (
+            ValueError,
+            RecursionError,
+        ) as error:  # also of nesting, and of numbers with more than 4300 digits
+            raise BrokenLineError(f"no JSON object ({one_line(error, 100)})") from error
         if not isinstance(found, dict):
             raise BrokenLineError("no JSON object")
         if not self.format:
@@ -217,8 +215,8 @@ class Parser:
             if isinstance(value, str):
                 value = self._number(column, value)
             if isinstance(value, bool) or not isinstance(value, int | float | None):
-                raise BrokenLineError(f"column {column}: {repr(value)[:40]} is not a number")
-            values.append(NAN if value is None else _as_float(value))
+                raise BrokenLineError(f"column {column}: {one_line(repr(value), 40)} is not a number")
+            values.append(NAN if value is None else _float(value))
         return self._sample(values)
 
     # --- both ---
@@ -243,12 +241,12 @@ class Parser:
         )
 
 
-def _as_float(value: float) -> float:
-    """A number of JSON; a whole one beyond all floats is infinite, as its digits are in CSV."""
+def _float(value: int | float) -> float:
+    """As a float; a whole number beyond the largest one is infinite, as it is in a text."""
     try:
         return float(value)
     except OverflowError:
-        return math.inf if value > 0 else -math.inf
+        return math.copysign(math.inf, value)
 
 
 def _is_number(text: str) -> bool:
