@@ -3,34 +3,34 @@
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.bank import compiled_bank, first_state, log_feed, transition
-from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
-from observer_fi.bank.compiled_bank import Bank, Feed
+from observer_fi.bank.bank_state import HypothesisState, bank_state_of, state_of, state_places, write_state
+from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.work_arrays import scratch
+from observer_fi.bank.work_arrays import work_arrays
 
 if TYPE_CHECKING:
     from observer_fi.bank.filterpy_bank import FilterpyBank
 
 __all__ = [
     "Bank",
-    "Feed",
+    "LogSamples",
     "FilterpyBank",
     "Hypothesis",
-    "Memory",
+    "HypothesisState",
     "arrays",
     "bank",
     "bank_rows",
     "compiled_bank",
     "first_state",
     "log_feed",
-    "memory_of",
-    "put",
-    "remembered",
-    "scratch",
-    "seats",
+    "state_of",
+    "write_state",
+    "bank_state_of",
+    "work_arrays",
+    "state_places",
     "start",
     "transition",
     "tuning",

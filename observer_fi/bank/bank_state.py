@@ -32,7 +32,7 @@ class BankState(NamedTuple):
     stopped: Array
 
 
-class Memory(NamedTuple):
+class HypothesisState(NamedTuple):
     """What one hypothesis remembers, in its own order of states: x (n,), P (n, n), the others as in BankState."""
 
     x: Array
@@ -46,7 +46,7 @@ class Memory(NamedTuple):
     stopped: Array
 
 
-def remembered(b: BankRows, memories: list[Memory]) -> BankState:
+def bank_state_of(b: BankRows, memories: list[HypothesisState]) -> BankState:
     """The memory of a bank from those of its hypotheses at one time; its probabilities are those of a bank that begins."""
     L, first = len(b.wide), memories[0]
     s = lined_up(BankState(
@@ -55,11 +55,11 @@ def remembered(b: BankRows, memories: list[Memory]) -> BankState:
     ))  # fmt: skip
     s.mu[0, 0] = 1.0 - UNLIKELY * (b.m - 1)
     for row in range(L):
-        put(s, row, seats(b, row), memories[row if row < b.m else 0])
+        write_state(s, row, state_places(b, row), memories[row if row < b.m else 0])
     return s
 
 
-class Seats(NamedTuple):
+class StatePlaces(NamedTuple):
     """Where a hypothesis has its states, to (n,), and row and column of their covariances, low and high (n, n)."""
 
     to: NDArray[np.int64]
@@ -67,14 +67,14 @@ class Seats(NamedTuple):
     high: NDArray[np.int64]
 
 
-def seats(b: BankRows, row: int) -> Seats:
+def state_places(b: BankRows, row: int) -> StatePlaces:
     """Those of one number of the rows."""
     to = b.places[row]
     to = to[to >= 0]
-    return Seats(to, np.minimum(to[:, None], to), np.maximum(to[:, None], to))
+    return StatePlaces(to, np.minimum(to[:, None], to), np.maximum(to[:, None], to))
 
 
-def put(s: BankState, row: int, at: Seats, memory: Memory) -> None:
+def write_state(s: BankState, row: int, at: StatePlaces, memory: HypothesisState) -> None:
     """The memory of one hypothesis into a number of the rows of a bank's."""
     s.x[at.to, row] = memory.x
     s.P[at.low, at.high, row] = memory.P
@@ -82,9 +82,9 @@ def put(s: BankState, row: int, at: Seats, memory: Memory) -> None:
     s.predicted[:, row], s.glitches[:, row] = memory.predicted, memory.glitches
 
 
-def memory_of(s: BankState, row: int, at: Seats) -> Memory:
+def state_of(s: BankState, row: int, at: StatePlaces) -> HypothesisState:
     """What the hypothesis in a number of the rows remembers, a copy."""
-    return Memory(
+    return HypothesisState(
         s.x[at.to, row], s.P[at.low, at.high, row], s.slow[:, row].copy(), s.bias[:, row].copy(),
         s.predicted[:, row].copy(), s.glitches[:, row].copy(), s.z.copy(), s.t.copy(), s.stopped.copy(),
     )  # fmt: skip

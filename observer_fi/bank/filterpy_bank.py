@@ -248,7 +248,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
         """Slopes of dw/dt and dx/dt by the state, (2, n), while sliding; those of dI/dt are -1 for w."""
         x, g, p = self.x, np.zeros((2, self.n)), self._p
         tr.load_parameters(x, self.at, self.has, self.base, p)
-        d, torque = (tr.held(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
+        d, torque = (tr.state_or(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
         c = tr.carried_in(self.slow)
         m = plant.Motion(x[0], x[1], x[2], d, c.phi, c.c)
         g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.bank_state import Memory
+from observer_fi.bank.bank_state import HypothesisState
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
 from observer_fi.physics import speed
 from observer_fi.records import Array
@@ -15,7 +15,9 @@ START_ROWS, START_READINGS = (
 REST_VARIANCE = tr.REST_VARIANCE
 
 
-def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float) -> list[Memory]:
+def start(
+    hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float
+) -> list[HypothesisState]:
     """Each hypothesis before its first sample: at rest, or turning at the command, where the sensors say.
 
     z0: (3,) first finite reading of each channel (NaN where there is none). The integrator's prior at rest is the width
@@ -35,7 +37,7 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
         )
         slow[tr.LAGGED], slow[tr.PHI] = z[1], _whole_turns(z[2], model["D"])
         out.append(
-            Memory(
+            HypothesisState(
                 x, np.diag(var), slow, bias, np.full(3, np.nan), np.zeros(3), np.full(3, np.nan), np.full(1, np.nan),
                 np.zeros(1),
             )

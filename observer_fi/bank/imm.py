@@ -7,7 +7,7 @@ from the entry prior. Probabilities live in logs where they are compared. Hypoth
 import math
 
 from observer_fi.bank import transition as tr
-from observer_fi.numerics import above, exp, inlined, larger, nothing
+from observer_fi.numerics import exp, inlined, maximum, where_above, zeros_like
 
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
 UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed
@@ -37,10 +37,10 @@ def _weigh(b, r, mu):
     for i in range(1, b.m):
         reached = reached + r.M[i] * mu[0, i]
     r.reached[0] = reached
-    per_reached, own, others = 1.0 / reached, nothing(reached), nothing(reached)
+    per_reached, own, others = 1.0 / reached, zeros_like(reached), zeros_like(reached)
     for i in range(b.m):
         weight = r.M[i] * mu[0, i] * per_reached
-        weight = above(weight, NEGLIGIBLE, weight, 0.0)
+        weight = where_above(weight, NEGLIGIBLE, weight, 0.0)
         r.weights[i] = weight
         own = own + r.itself[i] * weight
         others = others + (weight - r.itself[i] * weight)
@@ -51,17 +51,17 @@ def _weigh(b, r, mu):
 def _mix_common(b, r, from_x, from_P):
     """Means and covariances of the states that several hypotheses have. from_x, from_P: r.x and r.P as arrays of numbers."""
     for k in range(b.common):
-        mean, lacking, entry = nothing(r.entry_mean[k]), nothing(r.entry_mean[k]), r.entry_mean[k]
+        mean, lacking, entry = zeros_like(r.entry_mean[k]), zeros_like(r.entry_mean[k]), r.entry_mean[k]
         for i in range(len(b.wide)):
             mean = mean + r.weights[i] * (entry * b.lacks[i, k] + from_x[k, i] * (1.0 - b.lacks[i, k]))
             lacking = lacking + r.weights[i] * b.lacks[i, k]
-        mean = above(r.holds[k], 0.5, mean, entry)
+        mean = where_above(r.holds[k], 0.5, mean, entry)
         r.to_x[k] = mean
         for i in range(len(b.wide)):
             off = (entry * b.lacks[i, k] + from_x[k, i] * (1.0 - b.lacks[i, k])) - mean
             r.off[k, i], r.heavy[i] = off, r.weights[i] * off
         for q in range(k + 1):
-            total = nothing(mean)
+            total = zeros_like(mean)
             for i in range(len(b.wide)):
                 total = total + (r.weights[i] * from_P[q, k, i] + r.heavy[i] * r.off[q, i])
             r.to_P[q, k] = total * (r.holds[k] * r.holds[q])
@@ -88,7 +88,7 @@ def _mix_own(b, r, x, P, own, others):
 def _mix_carried(b, r, slow):
     """What the means carry, as the means themselves. slow: r.slow as an array of numbers."""
     for k in range(b.carried):
-        mean = nothing(r.weights[0])
+        mean = zeros_like(r.weights[0])
         for i in range(len(b.wide)):
             mean = mean + r.weights[i] * slow[k, i]
         r.slow[k] = mean
@@ -128,4 +128,4 @@ def posterior(b, state, scr, r):
     total = 0.0
     for j in range(b.m):
         total += state.mu[0, j]
-    r.mu[0] = larger(share * (1.0 / total), UNREACHED)
+    r.mu[0] = maximum(share * (1.0 / total), UNREACHED)

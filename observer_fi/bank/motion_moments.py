@@ -30,7 +30,7 @@ def onto(f, t):
 
 
 @inlined
-def shown(h, p):
+def P_times_h(h, p):
     """P h'."""
     h0, h1, h2 = h
     return (

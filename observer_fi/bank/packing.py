@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.numerics import MOST, Wide, aligned
+from observer_fi.numerics import MOST, Wide, aligned_copy
 from observer_fi.physics import equations
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
@@ -121,7 +121,7 @@ def lined_up(arrays: Any) -> Any:
 def _lined_up(part: Any) -> Any:
     if isinstance(part, tuple) and hasattr(part, "_fields"):
         return lined_up(part)
-    return aligned(part) if isinstance(part, np.ndarray) and part.dtype == float else part
+    return aligned_copy(part) if isinstance(part, np.ndarray) and part.dtype == float else part
 
 
 class Tuning(NamedTuple):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.numerics import above, exp, inlined, log, nothing, seldom, sqrt
+from observer_fi.numerics import any_of_rare, exp, inlined, log, sqrt, where_above, zeros_like
 from observer_fi.physics import Model, linear, plant
 from observer_fi.physics import equations as a
 from observer_fi.records import Array
@@ -100,21 +100,21 @@ def layout(kinds: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def held(x, at, has, kind, otherwise):
+def state_or(x, at, has, kind, otherwise):
     """The state of this kind, `otherwise` where there is none."""
-    return above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
+    return where_above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
 
 
 @inlined
 def load_parameters(x, at, has, base, p):
     """Parameters into p (VECTOR_SIZE,): those of `base` that a state may stand for, times their factors."""
-    p[a.A] = base[a.A] * held(x, at, has, AT_A, 1.0)
-    p[a.B] = base[a.B] * held(x, at, has, AT_B, 1.0)
-    p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * held(x, at, has, AT_LOOSE, 1.0)
-    p[a.C] = base[a.C] * held(x, at, has, AT_C, 1.0)
-    p[a.E] = base[a.E] * held(x, at, has, AT_E, 1.0)
-    p[a.VMAX] = base[a.VMAX] * held(x, at, has, AT_SUPPLY, 1.0)
-    factor = held(x, at, has, AT_J, 1.0)
+    p[a.A] = base[a.A] * state_or(x, at, has, AT_A, 1.0)
+    p[a.B] = base[a.B] * state_or(x, at, has, AT_B, 1.0)
+    p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * state_or(x, at, has, AT_LOOSE, 1.0)
+    p[a.C] = base[a.C] * state_or(x, at, has, AT_C, 1.0)
+    p[a.E] = base[a.E] * state_or(x, at, has, AT_E, 1.0)
+    p[a.VMAX] = base[a.VMAX] * state_or(x, at, has, AT_SUPPLY, 1.0)
+    factor = state_or(x, at, has, AT_J, 1.0)
     p[a.J] = base[a.J] * factor
     p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor
 
@@ -146,7 +146,7 @@ def advance(w, I, pos, d, torque, rate, c, t, now, interval, row, last, theta, p
     c: `Carried` before. t: time step [s], in as many steps as half of the columns of `interval` (rows, 2 steps): command at the
     half-steps in its row `row`, `last` at the end [rad/s]. now: time at the end on the log's clock [s].
     """
-    steps, rests, grip = interval.shape[1] // 2, nothing(w), 1.0 + nothing(w)
+    steps, rests, grip = interval.shape[1] // 2, zeros_like(w), 1.0 + zeros_like(w)
     m, slow, free = plant.Motion(w, I, pos, d, c.phi, c.c), slow_of(c), plant.Free(torque, rate)
     step = t * (1.0 / steps)
     for k in range(steps):
@@ -155,12 +155,12 @@ def advance(w, I, pos, d, torque, rate, c, t, now, interval, row, last, theta, p
         mean = (first + 4.0 * middle + end) * SIXTH
         u = plant.Command(first, mean, end, first, mean, end)
         m, rests = plant.step(plant.midpoint, m, slow, step, u, theta, free, p)
-        if seldom(p[a.EXTENDED]):
-            i = plant.motor_current(m.w, m.I, m.c, slow, end, nothing(w), 0.0, p)
+        if any_of_rare(p[a.EXTENDED]):
+            i = plant.motor_current(m.w, m.I, m.c, slow, end, zeros_like(w), 0.0, p)
             slow = plant.settled(slow, i, step, now, p)
     x, d1 = m.x, m.d
     c = Carried(m.phi, m.c, slow.h, slow.sag, slow.drift, c.low, c.high, c.trail, c.late_x, c.late_V)
-    if seldom(p[a.EXTENDED]):
+    if any_of_rare(p[a.EXTENDED]):
         c, x, grip = _behind_play(c, pos, x, t, p)
         d1 = d + grip * (d1 - d)
     return (m.w, m.I, x, d1), c, rests, grip
@@ -173,15 +173,15 @@ def _behind_play(c, before, screw, t, p):
     Where in the play the screw is may be unknown: the mass moves by the mean of the two extremes.
     """
     travel = screw - before
-    low, high, moved, grip = c.low, c.high, travel, 1.0 + nothing(travel)
-    if seldom(p[a.BACKLASH]):
+    low, high, moved, grip = c.low, c.high, travel, 1.0 + zeros_like(travel)
+    if any_of_rare(p[a.BACKLASH]):
         low, high = plant.in_play(c.low + travel, p), plant.in_play(c.high + travel, p)
         moved = travel - 0.5 * ((low - c.low) + (high - c.high))
-        grip = above(abs(travel), 0.0, moved / above(abs(travel), 0.0, travel, 1.0), 1.0)
+        grip = where_above(abs(travel), 0.0, moved / where_above(abs(travel), 0.0, travel, 1.0), 1.0)
     trail = c.trail
-    if seldom(p[a.POSITION_LAG]):
+    if any_of_rare(p[a.POSITION_LAG]):
         lag = p[a.POSITION_LAG]
-        trail = above(lag, 0.0, plant.lag_behind(trail, moved, t, above(lag, 0.0, lag, 1.0)), 0.0)
+        trail = where_above(lag, 0.0, plant.lag_behind(trail, moved, t, where_above(lag, 0.0, lag, 1.0)), 0.0)
     after = Carried(c.phi, c.c, c.h, c.sag, c.drift, low, high, trail, c.late_x, c.late_V)
     return after, before + moved, grip
 
@@ -201,18 +201,19 @@ def play_doubt(before, after):
 def propagate(x, at, has, slow, t, now, interval, row, last, theta, p):
     """As `advance`, with x (n,) and slow (SLOW or more,) overwritten: 1 where the motor rests at the end, share of the travel."""
     (x[0], x[1], x[2], d), c, rests, grip = advance(
-        x[0], x[1], x[2], held(x, at, has, AT_D, 0.0), held(x, at, has, AT_TORQUE, 0.0), held(x, at, has, AT_RATE, 0.0),
+        x[0], x[1], x[2], state_or(x, at, has, AT_D, 0.0), state_or(x, at, has, AT_TORQUE, 0.0), state_or(x, at, has,
+        AT_RATE, 0.0),
         carried_in(slow), t, now, interval, row, last, theta, p,
     )  # fmt: skip
     carry_into(slow, c)
     if at[AT_D] >= 0:
-        x[at[AT_D]] = above(has[AT_D], 0.5, d, x[at[AT_D]])
+        x[at[AT_D]] = where_above(has[AT_D], 0.5, d, x[at[AT_D]])
     return rests, grip
 
 
 @inlined
 def _set_slope(g, row, at, has, kind, slope):
-    g[row, at[kind]] = above(has[kind], 0.5, slope, g[row, at[kind]])
+    g[row, at[kind]] = where_above(has[kind], 0.5, slope, g[row, at[kind]])
 
 
 @inlined
@@ -221,7 +222,7 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
 
     p: parameters with the factors in x, base: without.
     """
-    s = above(w, 0.0, 1.0, -1.0)
+    s = where_above(w, 0.0, 1.0, -1.0)
     if at[AT_SUPPLY] >= 0:
         _set_slope(g, 0, at, has, AT_SUPPLY, p[a.KM] * di_dV * base[a.VMAX] * per_J)
     if at[AT_A] >= 0:
@@ -231,17 +232,17 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
     if at[AT_LOOSE] >= 0:
         _set_slope(g, 0, at, has, AT_LOOSE, -(1.0 - p[a.COUPLING]) * s * base[a.A_DECOUPLED] * per_J)
     if at[AT_J] >= 0:
-        _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / held(x, at, has, AT_J, 1.0))
+        _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / state_or(x, at, has, AT_J, 1.0))
     if at[AT_D] >= 0:
         _set_slope(g, 0, at, has, AT_D, -2.0 * p[a.C] * abs(d) * per_J)
     if at[AT_C] >= 0:
-        _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / held(x, at, has, AT_C, 1.0))
+        _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / state_or(x, at, has, AT_C, 1.0))
     if at[AT_E] >= 0:
         _set_slope(g, 1, at, has, AT_E, -p[a.COUPLING] * p[a.D] * w * base[a.E])
     if at[AT_TORQUE] >= 0:
         _set_slope(g, 0, at, has, AT_TORQUE, -per_J)
     if at[AT_RATE] >= 0:
-        _set_slope(g, 1, at, has, AT_RATE, 1.0 + nothing(w))
+        _set_slope(g, 1, at, has, AT_RATE, 1.0 + zeros_like(w))
 
 
 @inlined
@@ -255,9 +256,9 @@ def readings(w, I, pos, c, w_cmd, p, supply):
         w, I, c.c, slow_of(c), w_cmd, p, supply
     )
     seen = pos
-    if seldom(p[a.EXTENDED]):
+    if any_of_rare(p[a.EXTENDED]):
         V, seen = V + p[a.VOLTAGE_OFFSET] - c.late_V, pos - c.trail - c.late_x
-    x, x_x = linear.shown_position(seen, p)
+    x, x_x = linear.sensed_position(seen, p)
     return V, i, x, V_w, V_I, V_v, i_w, i_I, i_v, x_x
 
 
@@ -291,11 +292,11 @@ def _delayed(cells, first, change, now, t, delay):
     """
     size = delay / CELLS
     start, end = (now - t) / size, now / size
-    last, total = int(math.floor(end)), nothing(change)
+    last, total = int(math.floor(end)), zeros_like(change)
     oldest = max(int(math.floor(start)), last - CELLS - 1)
     for k in range(oldest, last + 1):
         at, share = first + k % (CELLS + 2), (min(end, k + 1.0) - max(start, 1.0 * k)) / (end - start)
-        cells[at] = (cells[at] if start > k else nothing(change)) + share * change
+        cells[at] = (cells[at] if start > k else zeros_like(change)) + share * change
     until = end - CELLS
     for k in range(int(math.floor(until)), last + 1):
         total = total + min(1.0, k + 1.0 - until) * cells[first + k % (CELLS + 2)]
@@ -318,8 +319,8 @@ def failed_channel(z, previous, y, spread, sigma, bias, variance, tuning):
     noise, repeat = S + wide * wide, narrow * narrow
     e, change = z - y - bias, z - previous
     by_S, by_noise, by_repeat = e * e / S, e * e / noise, change * change / repeat
-    least = above(by_S, by_noise, by_noise, by_S)
-    least = above(least, by_repeat, by_repeat, least)
+    least = where_above(by_S, by_noise, by_noise, by_S)
+    least = where_above(least, by_repeat, by_repeat, least)
     off = (1.0 - tuning[0] - tuning[2]) / sqrt(S) * exp(0.5 * (least - by_S))
     noisy = tuning[2] / sqrt(noise) * exp(0.5 * (least - by_noise))
     still = tuning[0] / narrow * exp(0.5 * (least - by_repeat))

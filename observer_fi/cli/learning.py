@@ -54,8 +54,10 @@ def run_identify(args: argparse.Namespace) -> int:
     if args.json:
         emit_json(identify_json(fit))
     elif not args.quiet:
-        told = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
-        print(f"{folder.name}: {len(fit.parameters)} parameters learned{told}  {folder / 'identify.html'}")
+        unlearned = f", {len(fit.not_identifiable)} cannot be told" if fit.not_identifiable else ""
+        print(
+            f"{folder.name}: {len(fit.parameters)} parameters learned{unlearned}  {folder / 'identify.html'}"
+        )
     return OK
 
 

@@ -1,7 +1,7 @@
 """What the simulation gets wrong: its name, the extended model, and what it gains on moves never fitted."""
 
 from observer_fi.improve.calculated_force import CalculatedForce, calculated_force
-from observer_fi.improve.diagnosis_gain import Worth, diagnosis_gain, worth
+from observer_fi.improve.diagnosis_gain import DiagnosisGain, diagnosis_gain, measure_diagnosis_gain
 from observer_fi.improve.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, LOOKS_LIKE, WANTED_NATS
 from observer_fi.improve.improvement import (
     FoundCause,
@@ -39,7 +39,7 @@ __all__ = [
     "Smooth",
     "Value",
     "WANTED_NATS",
-    "Worth",
+    "DiagnosisGain",
     "calculated_force",
     "diagnosis_gain",
     "findings_of",
@@ -49,5 +49,5 @@ __all__ = [
     "name_causes",
     "refitted",
     "to_json",
-    "worth",
+    "measure_diagnosis_gain",
 ]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from observer_fi.learn import Experiment, FitResult, residuals, select, without_moves
-from observer_fi.numerics import square
+from observer_fi.numerics import sum_of_squares
 from observer_fi.records import Array
 
 _DUST = 0.001
@@ -17,7 +17,7 @@ _POSITION_DUST = 0.05  # its share
 def excess(experiment: Experiment, r: Array) -> float:
     """Misfit over the noise [nats], less three standard deviations of what white noise alone shows; never negative."""
     n = int((experiment.weight > 0.0).sum())
-    return max(0.5 * (square(r) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+    return max(0.5 * (sum_of_squares(r) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
 
 
 def dust(experiment: Experiment, most: float) -> float:
@@ -47,7 +47,7 @@ def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
         size = experiment.rows(m).stop - experiment.rows(m).start
         # At the edge of friction a rest may slip with one of the two, for a friction a little different.
         tried = [residuals(here, model, start[window])[-size:] for start in (fitted.nuisance, still)]
-        parts.append(min(tried, key=square))
+        parts.append(min(tried, key=sum_of_squares))
     return np.concatenate(parts)
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from observer_fi.improve.freed_equations import FreedEquation
-from observer_fi.improve.keep_curve import Kept, keep
+from observer_fi.improve.keep_curve import Kept, fit_kept_curve
 from observer_fi.improve.misfit import (
     POSITION,
     channel_excess,
@@ -40,7 +40,7 @@ from observer_fi.learn import (
     whiteness,
 )
 from observer_fi.logs import Excitation, excitation, log_segments
-from observer_fi.numerics import square
+from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
 from observer_fi.records import Array, Log, Segment
 
@@ -226,7 +226,7 @@ class SimulatedMoves:
         """Nats by which held-out moves are better explained, and what is known of the rig better respected."""
         r0, r1 = (held_out_residuals(self.experiment, one) for one in (before, after))
         known = [objective(one.model, one.free, np.zeros(1)) for one in (before, after)]
-        seen = 0.5 * (square(r0) - square(r1)) + known[0] - known[1]
+        seen = 0.5 * (sum_of_squares(r0) - sum_of_squares(r1)) + known[0] - known[1]
         ratio = {
             f"{name}_{unit}": rms(r1[:, c]) / max(rms(r0[:, c]), 1e-300)
             for c, (name, unit) in enumerate(UNITS)
@@ -385,7 +385,7 @@ class SimulatedMoves:
         return free_equations(self.experiment, baseline)
 
     def kept(self, fitted: FitResult, left: Sequence[Smooth]) -> tuple[FitResult, Kept] | None:
-        found = keep(self.experiment, fitted, left)
+        found = fit_kept_curve(self.experiment, fitted, left)
         return (found.fitted, found) if found else None
 
     def extended_rig(self, ladder: Ladder[FitResult]) -> Rig:

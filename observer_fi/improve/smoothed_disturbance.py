@@ -71,8 +71,8 @@ class SmoothedDisturbance:
     def goes_with(self) -> tuple[str, ...]:
         """The regressors that explain it best, the best first; those that explain nearly as much with it."""
         most = max((c.share for c in self.curves.values()), default=0.0)
-        told = [name for name, c in self.curves.items() if c.share >= max(most - _AS_MUCH, _TOLD)]
-        return tuple(sorted(told, key=lambda name: -self.curves[name].share))
+        near_best = [name for name, c in self.curves.items() if c.share >= max(most - _AS_MUCH, _TOLD)]
+        return tuple(sorted(near_best, key=lambda name: -self.curves[name].share))
 
 
 def free_equations(

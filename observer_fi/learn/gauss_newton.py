@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.numerics import gram, matvec, self_gram, square
+from observer_fi.numerics import gram, matvec, self_gram, sum_of_squares
 from observer_fi.physics import Model
 from observer_fi.records import Array
 
@@ -139,7 +139,7 @@ def point_at(problem: Problem, values: Mapping[str, float], nuisance: Array) -> 
 
 def objective(values: Mapping[str, float] | Model, free: Sequence[Free], r: Array) -> float:
     """Half the sum of squares, priors of the parameters included [nats]."""
-    total = 0.5 * square(r)
+    total = 0.5 * sum_of_squares(r)
     total = total if math.isfinite(total) else math.inf
     return total + 0.5 * sum(((values[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
 

@@ -20,7 +20,7 @@ from observer_fi.learn.gauss_newton import (
     stepped,
 )
 from observer_fi.learn.move_data import Experiment, commands, simulate, simulate_each, whitened
-from observer_fi.numerics import autocorrelation, correlation_time, square
+from observer_fi.numerics import autocorrelation, correlation_time, sum_of_squares
 from observer_fi.physics import Model, override
 from observer_fi.records import Array
 
@@ -191,5 +191,5 @@ def nll_per_sample(experiment: Experiment, r: Array) -> float:
     """Mean over the samples of minus the log-likelihood of the measured channels [nats, SI densities]."""
     seen = experiment.weight > 0.0
     constant = np.log(experiment.noise * math.sqrt(2.0 * math.pi))
-    total = 0.5 * square(r) + float((seen * constant).sum())
+    total = 0.5 * sum_of_squares(r) + float((seen * constant).sum())
     return total / max(int(seen.any(axis=1).sum()), 1)

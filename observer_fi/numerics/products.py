@@ -67,7 +67,7 @@ def subtract_rows(y: Array, w: Array, A: Array) -> None:
             y[m] -= w[i] * A[i, m]
 
 
-def square(y: Array) -> float:
+def sum_of_squares(y: Array) -> float:
     """Sum of squares of an array of any shape."""
     flat = y.reshape(1, -1)
     return float(matvec(flat, flat[0])[0])

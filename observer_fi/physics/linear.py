@@ -3,7 +3,7 @@
 Numbers, or rows of them. Used by the filters of the bank, and for small disturbances of simulated moves.
 """
 
-from observer_fi.numerics import above, inlined, nothing, seldom, signed
+from observer_fi.numerics import any_of_rare, copysign, inlined, where_above, zeros_like
 from observer_fi.physics import equations as a
 from observer_fi.physics import plant
 
@@ -15,11 +15,11 @@ _SCALE = 1e-6  # m: the same for what the position sensor makes of a position
 def driven(i_cmd, w, slow, p):
     """The current that a commanded one leads to, and its slopes by w, I and the limit of the supply."""
     i = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
-    by_w, by_I, by_V, short = -p[a.KP], p[a.KI], nothing(i), abs(i - i_cmd)
-    if seldom(short):
+    by_w, by_I, by_V, short = -p[a.KP], p[a.KI], zeros_like(i), abs(i - i_cmd)
+    if any_of_rare(short):
         per_R = 1.0 / (p[a.RM] * (1.0 + slow.h) + p[a.RS])
-        by_w, by_I = above(short, 0.0, -p[a.KM] * per_R, by_w), above(short, 0.0, 0.0, by_I)
-        by_V = above(short, 0.0, signed(per_R, i_cmd), by_V)
+        by_w, by_I = where_above(short, 0.0, -p[a.KM] * per_R, by_w), where_above(short, 0.0, 0.0, by_I)
+        by_V = where_above(short, 0.0, copysign(per_R, i_cmd), by_V)
     return i, by_w, by_I, by_V
 
 
@@ -29,17 +29,17 @@ def motion_slopes(m, slow, w_cmd, theta, free, p):
 
     Friction keeps its sign; effects of the torque are differentiated numerically, everything else exactly.
     """
-    s = above(m.w, 0.0, 1.0, -1.0)
+    s = where_above(m.w, 0.0, 1.0, -1.0)
     i, di_dw, di_dI, di_dV = driven(a.command_current(m.w, m.I, w_cmd, p), m.w, slow, p)
     per_J = 1.0 / a.inertia(p)
     load = plant.applied(s, m, theta, free, p)
-    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, nothing(load)
-    if seldom(p[a.EXTENDED]):
+    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, zeros_like(load)
+    if any_of_rare(p[a.EXTENDED]):
         faster = plant.Motion(m.w + _SPEED, m.I, m.x, m.d, m.phi, m.c)
         farther = plant.Motion(m.w, m.I, m.x + _PLACE, m.d, m.phi, m.c)
         by_w -= (plant.applied(s, faster, theta, free, p) - load) / _SPEED * per_J
         by_x -= (plant.applied(s, farther, theta, free, p) - load) / _PLACE * per_J
-    return by_w, by_I, by_x, a.mass_speed(1.0 + nothing(m.w), m.d, load, p), i, di_dV, load, per_J
+    return by_w, by_I, by_x, a.mass_speed(1.0 + zeros_like(m.w), m.d, load, p), i, di_dV, load, per_J
 
 
 @inlined
@@ -71,13 +71,13 @@ def electrical_readings(w, I, c, slow, w_cmd, p, supply):
     Equation 15 for the voltage before its sensor, equation 6 for the current as shown.
     """
     i_cmd = plant.motion_command(w, I, c, w_cmd, p)
-    if seldom(p[a.EXTENDED]) and seldom(p[a.LAG_BEHIND_LIMIT]):
-        i_cmd = above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, a.command_current(w, I, w_cmd, p), i_cmd)
+    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.LAG_BEHIND_LIMIT]):
+        i_cmd = where_above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, a.command_current(w, I, w_cmd, p), i_cmd)
     i, di_dw, di_dI, di_dV = driven(i_cmd, w, slow, p)
     i, di_dV = plant.behind_limit(i, c, p), di_dV * supply
     resistance = p[a.RM] * (1.0 + slow.h)
-    V, shown, gain = a.terminal_voltage(i, w, slow.h, p), i, 1.0 + nothing(w)
-    if seldom(p[a.EXTENDED]):
+    V, shown, gain = a.terminal_voltage(i, w, slow.h, p), i, 1.0 + zeros_like(w)
+    if any_of_rare(p[a.EXTENDED]):
         shown, gain = a.current_reading(i, p), p[a.CURRENT_GAIN]
     return (
         (V, resistance * di_dw + p[a.KM], resistance * di_dI, resistance * di_dV),
@@ -86,10 +86,10 @@ def electrical_readings(w, I, c, slow, w_cmd, p, supply):
 
 
 @inlined
-def shown_position(seen, p):
+def sensed_position(seen, p):
     """What the position sensor shows of what has come through its lag and delay [m], and its slope."""
-    shown, gain = seen, 1.0 + nothing(seen)
-    if seldom(p[a.EXTENDED]):
-        shown = a.shown_position(seen, p)
-        gain = (a.shown_position(seen + _SCALE, p) - shown) / _SCALE
+    shown, gain = seen, 1.0 + zeros_like(seen)
+    if any_of_rare(p[a.EXTENDED]):
+        shown = a.sensed_position(seen, p)
+        gain = (a.sensed_position(seen + _SCALE, p) - shown) / _SCALE
     return shown, gain

@@ -10,7 +10,7 @@ its line in `moved` and `between`, or one entry of `Slow` with its line in `sett
 
 from typing import Any, NamedTuple
 
-from observer_fi.numerics import above, exp, inlined, nothing, seldom, some, uncounted
+from observer_fi.numerics import any_of, any_of_rare, exp, inlined, uncounted, where_above, zeros_like
 from observer_fi.physics import equations as a
 
 SIGN_LENGTH = 2e-6  # m over which the friction of a reversal builds up; far below what the logs resolve
@@ -65,8 +65,8 @@ class Free(NamedTuple):
 def motion_command(w, I, c, late, p):
     """Equation 3, or the lagged current c in its place where the servo lags [A]. late: command [rad/s]."""
     i_cmd = a.command_current(w, I, late, p)
-    if seldom(p[a.EXTENDED]):
-        i_cmd = above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
+    if any_of_rare(p[a.EXTENDED]):
+        i_cmd = where_above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
     return i_cmd
 
 
@@ -77,10 +77,10 @@ def motor_current(w, I, c, slow, late, torque, moving, p):
     torque: applied torque, which a delayed servo feels while moving (1, else 0) [N m].
     """
     i_cmd = a.command_current(w, I, late, p)
-    if seldom(p[a.EXTENDED]):
-        if seldom(p[a.SERVO_DELAY]):
-            i_cmd = above(moving, 0.0, a.late_current(i_cmd, torque, p), i_cmd)
-        i_cmd = above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
+    if any_of_rare(p[a.EXTENDED]):
+        if any_of_rare(p[a.SERVO_DELAY]):
+            i_cmd = where_above(moving, 0.0, a.late_current(i_cmd, torque, p), i_cmd)
+        i_cmd = where_above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
     i = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
     return behind_limit(i, c, p)
 
@@ -88,8 +88,8 @@ def motor_current(w, I, c, slow, late, torque, moving, p):
 @inlined
 def behind_limit(i, c, p):
     """The lagged current c where the current itself lags, else i [A]."""
-    if seldom(p[a.EXTENDED]):
-        i = above(p[a.CURRENT_LAG] * p[a.LAG_BEHIND_LIMIT], 0.0, c, i)
+    if any_of_rare(p[a.EXTENDED]):
+        i = where_above(p[a.CURRENT_LAG] * p[a.LAG_BEHIND_LIMIT], 0.0, c, i)
     return i
 
 
@@ -97,26 +97,26 @@ def behind_limit(i, c, p):
 def lag_goal(i_cmd, w, slow, p):
     """What the lagged current tends to: the command, or what the supply allows of it where the current itself lags [A]."""
     allowed = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
-    return above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, allowed, i_cmd)
+    return where_above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, allowed, i_cmd)
 
 
 @inlined
 def lag_time(p):
     """Time constant of the servo's lag, 1 s where there is none and nobody asks [s]."""
-    return above(p[a.CURRENT_LAG], 0.0, p[a.CURRENT_LAG], 1.0)
+    return where_above(p[a.CURRENT_LAG], 0.0, p[a.CURRENT_LAG], 1.0)
 
 
 @inlined
 def lagged(c, goal, t, p):
     """The lagged current after a time t of a goal that stays; c where nothing lags [A]."""
-    return above(p[a.CURRENT_LAG], 0.0, goal + (c - goal) * exp(-t / lag_time(p)), c)
+    return where_above(p[a.CURRENT_LAG], 0.0, goal + (c - goal) * exp(-t / lag_time(p)), c)
 
 
 @inlined
 def winding_up(change, I, p):
     """`change` of the error integral I, or 0 where it would leave the clamp of the servo further behind (anti-windup)."""
-    if seldom(p[a.EXTENDED]):
-        change = above(change * I, 0.0, above(p[a.INTEGRATOR_LIMIT], abs(I), change, 0.0), change)
+    if any_of_rare(p[a.EXTENDED]):
+        change = where_above(change * I, 0.0, where_above(p[a.INTEGRATOR_LIMIT], abs(I), change, 0.0), change)
     return change
 
 
@@ -137,22 +137,22 @@ def rates(s, m, slow, now, late, theta, free, p):
     """Rates of every state of `Motion`. s: sign of motion; now, late: command [rad/s]; theta: pitch [deg]."""
     load = applied(s, m, theta, free, p)
     dw = a.acceleration(motor_current(m.w, m.I, m.c, slow, late, load, 1.0, p), load, p)
-    dx, dc = mass_rate(m, load, free, p), nothing(m.w)
-    if seldom(p[a.EXTENDED]) and seldom(p[a.CURRENT_LAG]):
+    dx, dc = mass_rate(m, load, free, p), zeros_like(m.w)
+    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
         i_cmd = a.command_current(m.w, m.I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
-        dc = above(p[a.CURRENT_LAG], 0.0, (lag_goal(i_cmd, m.w, slow, p) - m.c) / lag_time(p), 0.0)
-    in_contact = above(abs(p[a.CONTACT]), 0.0, 1.0, 0.0)
+        dc = where_above(p[a.CURRENT_LAG], 0.0, (lag_goal(i_cmd, m.w, slow, p) - m.c) / lag_time(p), 0.0)
+    in_contact = where_above(abs(p[a.CONTACT]), 0.0, 1.0, 0.0)
     return Motion(dw, winding_up(now - m.w, m.I, p), dx, in_contact * dx, m.w, dc)
 
 
 @inlined
 def breakaway(m, slow, late, theta, free, p):
     """Sign in which the drive overcomes friction at rest, 0 where friction holds."""
-    still = nothing(m.I)
+    still = zeros_like(m.I)
     push = p[a.KM] * motor_current(still, m.I, m.c, slow, late, still, 0.0, p)
     push = push - a.load_torque(still, m.x, m.d, m.phi, theta, p) - free.torque
     hold, asymmetry = a.friction(still, m.x, theta, p), p[a.FRICTION_ASYMMETRY]
-    return above(push, asymmetry + hold, 1.0, above(asymmetry - hold, push, -1.0, still))
+    return where_above(push, asymmetry + hold, 1.0, where_above(asymmetry - hold, push, -1.0, still))
 
 
 # --- sums of states ------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def runge_kutta(s, m, slow, t, gone, u, theta, free, p):
 @inlined
 def with_lag(m, c, at, slow, t, late, p):
     """m with the lagged current that c has become after a time t, its goal that of the motion `at` (`late`: command)."""
-    if seldom(p[a.EXTENDED]) and seldom(p[a.CURRENT_LAG]):
+    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
         c = lagged(c, lag_goal(a.command_current(at.w, at.I, late, p), at.w, slow, p), t, p)
     return Motion(m.w, m.I, m.x, m.d, m.phi, c)
 
@@ -225,18 +225,18 @@ def midpoint(s, m, slow, t, gone, u, theta, free, p):
 def rested(m, slow, t, u, free, p):
     """m after a time t at which friction held it (0: not at all)."""
     after = Motion(m.w, m.I + winding_up(t * u.middle, m.I, p), m.x + t * free.rate, m.d, m.phi, m.c)
-    still = Motion(nothing(m.w), after.I, after.x, after.d, after.phi, m.c)
+    still = Motion(zeros_like(m.w), after.I, after.x, after.d, after.phi, m.c)
     return with_lag(after, m.c, still, slow, t, u.late_middle, p)
 
 
 @inlined
 def step(rule, m, slow, t, u, theta, free, p):
     """A time t by a rule, with standstill and changes of direction: `Motion` at its end, 1 where the motor rests, else 0."""
-    s, rests = a.sign_of(m.w), nothing(m.w)
-    if seldom(1.0 - abs(s)):
+    s, rests = a.sign_of(m.w), zeros_like(m.w)
+    if any_of_rare(1.0 - abs(s)):
         return _cut(rule, m, slow, t, u, theta, free, p)
     later = rule(s, m, slow, t, 0.0, u, theta, free, p)
-    if seldom(above(0.0, later.w * s, 1.0, 0.0)):
+    if any_of_rare(where_above(0.0, later.w * s, 1.0, 0.0)):
         later, rests = _cut(rule, m, slow, t, u, theta, free, p)
     return later, rests
 
@@ -244,22 +244,22 @@ def step(rule, m, slow, t, u, theta, free, p):
 @uncounted
 def _cut(rule, m, slow, t, u, theta, free, p):
     """As `step`, cut where the speed passes zero; `left` of it is still to go. Thrown back at once, the motor rests."""
-    left, rests = t + nothing(m.w), nothing(m.w)
+    left, rests = t + zeros_like(m.w), zeros_like(m.w)
     for _ in range(4):
         s = a.sign_of(m.w)
-        if some(1.0 - abs(s)):
-            s = above(abs(s), 0.0, s, breakaway(m, slow, u.late_middle, theta, free, p))
+        if any_of(1.0 - abs(s)):
+            s = where_above(abs(s), 0.0, s, breakaway(m, slow, u.late_middle, theta, free, p))
             m, left, rests = _held(s, m, slow, left, rests, u, free, p)
-            if not some(left):
+            if not any_of(left):
                 break
         later = rule(s, m, slow, left, 1.0 - left / t, u, theta, free, p)
         back = -(later.w * s)
-        share = above(back, 0.0, above(abs(m.w), 0.0, m.w / (m.w - later.w), 0.0), 1.0)
-        m = between(m, later, share, above(back, 0.0, 0.0, later.w))
-        left = above(back, 0.0, left * (1.0 - share), 0.0)
-        left = above(left, 1e-9 * t, left, 0.0)
+        share = where_above(back, 0.0, where_above(abs(m.w), 0.0, m.w / (m.w - later.w), 0.0), 1.0)
+        m = between(m, later, share, where_above(back, 0.0, 0.0, later.w))
+        left = where_above(back, 0.0, left * (1.0 - share), 0.0)
+        left = where_above(left, 1e-9 * t, left, 0.0)
         m, left, rests = _held(share, m, slow, left, rests, u, free, p)
-        if not some(left):
+        if not any_of(left):
             break
     return m, rests
 
@@ -267,10 +267,10 @@ def _cut(rule, m, slow, t, u, theta, free, p):
 @inlined
 def _held(moves, m, slow, left, rests, u, free, p):
     """Motion, time left and rest where friction holds the motor for all of it: where nothing `moves`."""
-    still = above(abs(moves), 0.0, 0.0, left)
-    if some(still):
+    still = where_above(abs(moves), 0.0, 0.0, left)
+    if any_of(still):
         m = rested(m, slow, still, u, free, p)
-    return m, left - still, above(still, 0.0, 1.0, rests)
+    return m, left - still, where_above(still, 0.0, 1.0, rests)
 
 
 # --- what follows at the end of a step -----------------------------------------------------------
@@ -280,11 +280,13 @@ def _held(moves, m, slow, left, rests, u, free, p):
 def settled(slow, i, t, now, p):
     """The slow states after a time t of the current i [A]; now: time at its end on the log's clock [s]."""
     h, sag, drift = slow.h, slow.sag, slow.drift
-    if seldom(p[a.EXTENDED]):
+    if any_of_rare(p[a.EXTENDED]):
         h = h + t * a.heating(i, h, p)
-        if seldom(p[a.SAG_RESISTANCE]):
+        if any_of_rare(p[a.SAG_RESISTANCE]):
             goal = p[a.SAG_RESISTANCE] * abs(i)
-            sag = above(abs(p[a.SAG_RESISTANCE]), 0.0, goal + (sag - goal) * exp(-t / p[a.SAG_TIME]), sag)
+            sag = where_above(
+                abs(p[a.SAG_RESISTANCE]), 0.0, goal + (sag - goal) * exp(-t / p[a.SAG_TIME]), sag
+            )
         drift = p[a.SUPPLY_DRIFT] * now
     return Slow(h, sag, drift)
 
@@ -293,8 +295,8 @@ def settled(slow, i, t, now, p):
 def in_play(slack, p):
     """How far the screw is ahead of the mass: `slack` as far as the play goes [m]."""
     half = 0.5 * p[a.BACKLASH]
-    slack = above(slack, half, half, slack)
-    return above(-half, slack, -half, slack)
+    slack = where_above(slack, half, half, slack)
+    return where_above(-half, slack, -half, slack)
 
 
 @inlined
@@ -313,7 +315,7 @@ def sampled_force(s, m, force, t, theta, p):
 
     The sign builds up over SIGN_LENGTH of travel.
     """
-    free = Free(nothing(m.w), nothing(m.w))
+    free = Free(zeros_like(m.w), zeros_like(m.w))
     load = applied(s, m, theta, free, p)
     w = m.w + t * ((force * p[a.D] - load) / a.inertia(p))
     faster = Motion(w, m.I, m.x, m.d, m.phi, m.c)

@@ -6,7 +6,16 @@ sample. Backlash is a play between the screw and the mass.
 
 import math
 
-from observer_fi.numerics import MOST, above, compiled, inlined, nothing, seldom, side_by_side, signed
+from observer_fi.numerics import (
+    MOST,
+    any_of_rare,
+    compiled,
+    copysign,
+    inlined,
+    side_by_side,
+    where_above,
+    zeros_like,
+)
 from observer_fi.physics import equations as a
 from observer_fi.physics import plant
 from observer_fi.records import Array
@@ -25,10 +34,10 @@ _MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval 
 @inlined
 def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
     """As `run`, of numbers or rows. pace: the parameters that say how many steps an interval has."""
-    x, mass, none = start[X], start[MASS], nothing(start[X])
+    x, mass, none = start[X], start[MASS], zeros_like(start[X])
     m = plant.Motion(start[W], start[I], x, a.indentation(x, p), start[PHI], start[LAGGED])
     slow, free = plant.Slow(start[H], start[SAG], none), plant.Free(none, none)
-    extended, n = seldom(p[a.EXTENDED]), t.size
+    extended, n = any_of_rare(p[a.EXTENDED]), t.size
     for j in range(n):
         if extended:
             slow = plant.Slow(slow.h, slow.sag, p[a.SUPPLY_DRIFT] * t[j])
@@ -43,12 +52,12 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
         for k in range(pieces):
             u = _command(commands, late, j, k, pieces)
             m, _ = plant.step(plant.runge_kutta, m, slow, dt / pieces, u, theta[j], free, p)
-            if extended and seldom(p[a.VOLTAGE_DELAY]) and 4 * (k + 1) % pieces == 0 and k + 1 < pieces:
+            if extended and any_of_rare(p[a.VOLTAGE_DELAY]) and 4 * (k + 1) % pieces == 0 and k + 1 < pieces:
                 between = _current(m, slow, u.late_end, theta[j], free, p)
                 out[j, BETWEEN + 4 * (k + 1) // pieces - 1] = a.terminal_voltage(between, m.w, slow.h, p)
         if extended:
             limit = p[a.INTEGRATOR_LIMIT]
-            clamped = above(m.I, limit, limit, above(-limit, m.I, -limit, m.I))
+            clamped = where_above(m.I, limit, limit, where_above(-limit, m.I, -limit, m.I))
             m = plant.Motion(m.w, clamped, m.x, m.d, m.phi, m.c)
             slow = plant.settled(slow, i, dt, t[j + 1], p)
         mass = m.x - plant.in_play(m.x - mass, p)
@@ -58,7 +67,7 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
 def _current(m, slow, late, theta, free, p):
     """Current of the motor as it moves, or rests [A]."""
     return plant.motor_current(
-        m.w, m.I, m.c, slow, late, plant.applied(signed(1.0, m.w), m, theta, free, p), abs(m.w), p
+        m.w, m.I, m.c, slow, late, plant.applied(copysign(1.0, m.w), m, theta, free, p), abs(m.w), p
     )
 
 
@@ -152,7 +161,7 @@ def readings(t, states, p, out):
     if p[a.POSITION_DELAY] != 0.0:
         _delay(t, out[:, 2], p[a.POSITION_DELAY])
     for j in range(n):
-        out[j, 2] = a.shown_position(out[j, 2], p)
+        out[j, 2] = a.sensed_position(out[j, 2], p)
     if p[a.VOLTAGE_DELAY] != 0.0:
         _delay_voltage(t, states, p[a.VOLTAGE_DELAY], out)
     for j in range(n):

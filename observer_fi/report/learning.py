@@ -7,10 +7,10 @@ from observer_fi.improve import (
     CLOSE_ALIKE,
     CLOSE_SHARE,
     WANTED_NATS,
+    DiagnosisGain,
     Improvement,
     SmoothedDisturbance,
     Value,
-    Worth,
     to_json,
 )
 from observer_fi.logs import Excitation
@@ -19,7 +19,7 @@ from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, number, versions
 
-Gain = tuple[Worth, Worth] | None
+Gain = tuple[DiagnosisGain, DiagnosisGain] | None
 
 
 def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -> dict[str, str]:
@@ -32,8 +32,9 @@ def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
-        causes=CAUSES, shown=[held(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
-        disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=wish(record), likeness=likeness(record),
+        causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
+        disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
+        likeness=likeness(record),
         handy=disturbance_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
         not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
         form=form, smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
@@ -79,7 +80,7 @@ def form(variant: str, parameters: Mapping[str, Value]) -> str:
     return variant + (": friction falls towards standstill" if falls else "")
 
 
-def wish(record: Improvement) -> str:
+def freed_sentence(record: Improvement) -> str:
     """Which equation the data want to free first, in a sentence."""
     first = next((f for f in record.freed if f.verdict == "first"), None)
     if first is None:
@@ -138,7 +139,7 @@ def shape(disturbance: SmoothedDisturbance) -> str:
     return f"It goes best with {' or '.join(names)}."
 
 
-def held(shown: Excitation) -> str:
+def excitation_sentence(shown: Excitation) -> str:
     """What a log holds, in a sentence."""
     one_way = "forward only" if 1 in shown.directions else "backward only"
     ways = one_way if len(shown.directions) == 1 else "both directions"

@@ -39,11 +39,11 @@ class LiveBank(kernels.Bank):
         self.w_cmd = np.empty(MOST)
         self.feed = self._room(1)
         self.out = kernels.written(MOST, len(self.hypotheses))
-        self.views: dict[int, tuple[Array, kernels.Feed, kernels.Written, Estimate]] = {}
+        self.views: dict[int, tuple[Array, kernels.LogSamples, kernels.Written, Estimate]] = {}
 
-    def _room(self, substeps: int) -> kernels.Feed:
+    def _room(self, substeps: int) -> kernels.LogSamples:
         one = np.empty(MOST)
-        return kernels.Feed(
+        return kernels.LogSamples(
             one, np.empty((MOST, 2 * substeps)), one.copy(), one.copy(), np.empty((MOST, 3)), np.empty(MOST, dtype=np.bool_)
         )  # fmt: skip
 
@@ -73,7 +73,7 @@ class LiveBank(kernels.Bank):
         before, longest = self.samples.t, self.samples.longest * (1.0 + 1e-6)
         return bool(feed.place(rows, before, longest, self.feed.t, self.feed.z, self.feed.theta, self.w_cmd))
 
-    def _views(self, n: int) -> tuple[Array, kernels.Feed, kernels.Written, Estimate]:
+    def _views(self, n: int) -> tuple[Array, kernels.LogSamples, kernels.Written, Estimate]:
         """The arrays for n samples, and the estimate made of them; kept until n is another."""
         if n not in self.views:
             now, out = self.feed.cut(0, n), self.out.cut(0, n)
@@ -118,7 +118,7 @@ class Live:
         self.isolator = Isolator(modes, settings.decision, consistent=False)
         self.moving = 0  # samples that the verdict rests on
         self.held: Array | None = table_of([])
-        self.told: tuple[str, str | None] | None = None
+        self.reported: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
 
     def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
@@ -204,13 +204,13 @@ class Live:
         if tracker is None or not self._tested():
             return
         event = tracker.verdict()
-        if self._told(event) or (e.active[k] and event.probability < self.settings.isolated):
+        if self._already_reported(event) or (e.active[k] and event.probability < self.settings.isolated):
             return
-        self.told = event.label, event.channel
+        self.reported = event.label, event.channel
         yield Change(float(e.t[k]), event, self.moves, self.samples - e.t.size + k + 1)
 
-    def _told(self, event: Event) -> bool:
-        return (event.label, event.channel) == self.told
+    def _already_reported(self, event: Event) -> bool:
+        return (event.label, event.channel) == self.reported
 
     def _quiet(self, e: Estimate) -> bool:
         """Take samples at once if none of them can change the verdict; else leave everything as it was.
@@ -236,7 +236,7 @@ class Live:
 
     def _silent(self, event: Event, e: Estimate, winner: int) -> bool:
         """Whether no sample tells the verdict of the last one, where all of them have the same."""
-        if self._told(event):
+        if self._already_reported(event):
             return True
         if not e.active[0] or event.probability >= self.settings.isolated:
             return False

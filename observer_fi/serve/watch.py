@@ -406,9 +406,9 @@ def watch(source: Pipe | Growing, options: Options, out: TextIO, complain: Calla
 
 def _followed(source: Pipe | Growing, flow: "Watch", stop: "Stop") -> bool:
     """The source to its end."""
-    told, beat = time.monotonic(), flow.options.heartbeat_s
+    last_beat, beat = time.monotonic(), flow.options.heartbeat_s
     while True:
-        timeout = max(0.0, told + beat - time.monotonic()) if beat else 1.0
+        timeout = max(0.0, last_beat + beat - time.monotonic()) if beat else 1.0
         try:
             data = source.read(stop.wake, min(timeout, 1.0))
         except UsageError:
@@ -423,9 +423,9 @@ def _followed(source: Pipe | Growing, flow: "Watch", stop: "Stop") -> bool:
             flow.restart(news)
         if data:
             flow.take(data)
-        if beat and time.monotonic() - told >= beat:
+        if beat and time.monotonic() - last_beat >= beat:
             flow.heartbeat()
-            told = time.monotonic()
+            last_beat = time.monotonic()
 
 
 def warm_up(options: Options) -> None:

@@ -8,12 +8,12 @@ import pytest
 from campaigns import campaign
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.diagnosis_gain import Worth
+from observer_fi.improve.diagnosis_gain import DiagnosisGain
 from observer_fi.improve.improvement import Improvement, improve, to_json
 from observer_fi.learn.output_error import whiteness
 from observer_fi.logs.moves import Excitation
 from observer_fi.physics.rigs import load_rig, with_values
-from observer_fi.report.learning import improve_files, likeness, wish
+from observer_fi.report.learning import freed_sentence, improve_files, likeness
 
 RIG = load_rig()
 
@@ -92,17 +92,17 @@ def test_a_drive_that_shows_no_servo_is_refused():
 
 
 def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
-    assert wish(control).startswith("None")
+    assert freed_sentence(control).startswith("None")
     first = replace(sticky.freed[0], equation="servo", verdict="first", alike="")
     lone = replace(sticky, freed=(first, replace(first, equation="torque", verdict="wanted")))
-    assert wish(lone).startswith("The servo (") and likeness(lone) == ""
+    assert freed_sentence(lone).startswith("The servo (") and likeness(lone) == ""
     close = replace(first, equation="sensor:current", verdict="close")
     assert "cannot tell it from the current sensor" in likeness(replace(sticky, freed=(first, close)))
 
 
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
-    nothing = Worth(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
-    better = Worth(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
+    nothing = DiagnosisGain(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
+    better = DiagnosisGain(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
     shown = Excitation(
         8, (200.0, 410.0), (-1, 1), (-5.0, 0.0), 2, {"steady": 8.0, "saturation": 0.3, "rest": 0.0}
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, square, subtract_rows
+from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
 
 A = np.random.default_rng(3).normal(size=(4, 301))
 B = np.random.default_rng(4).normal(size=(2, 301))
@@ -16,7 +16,7 @@ def test_products_are_numpys():
     y = B[1].copy()
     subtract_rows(y, np.array([1.0, 2.0]), B)
     assert y == pytest.approx(-B[0] - B[1])
-    assert square(A) == pytest.approx(np.sum(A**2))
+    assert sum_of_squares(A) == pytest.approx(np.sum(A**2))
 
 
 def test_orthonormal_rows_span_what_is_independent():

@@ -67,7 +67,7 @@ def test_slopes_of_voltage_and_current(I: float, effects: dict[str, float]) -> N
 def test_the_slope_of_a_periodic_error_is_seen() -> None:
     p = override(PLANT, "nominal", position_sin=5e-5, position_gain=1.02).vector
     x = 2.3e-4
-    _, slope = linear.shown_position(x, p)
+    _, slope = linear.sensed_position(x, p)
     exact = 1.02 + 5e-5 * 2e3 * np.pi * np.cos(2e3 * np.pi * x)
     assert slope == pytest.approx(exact, rel=5e-3)
-    assert linear.shown_position(x, PLANT.vector) == (x, 1.0)
+    assert linear.sensed_position(x, PLANT.vector) == (x, 1.0)
