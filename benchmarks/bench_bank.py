@@ -9,7 +9,7 @@ import peers
 from results import micro, record, timed_against
 from sample_logs import moves_log
 
-from observer_fi.bank import FilterpyBank, Hypothesis, bank, lanes
+from observer_fi.bank import FilterpyBank, Hypothesis, bank
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.learn import prepare, residuals
 from observer_fi.logs import Row
@@ -25,7 +25,6 @@ MOTION = tuple(replace(h, states=("w", "I", "x")) for h in bank(RIG, PLAIN))  # 
 PAIR = bank(RIG, BankSettings())[:2]
 THREE, WHOLE = "3 models x 3 states", "7 hypotheses: constants in doubt, none of these, sensor faults"
 LIKELIHOOD = "likelihood of nominal and overload over a log, constants in doubt"
-LANES = 16
 YARDSTICK = 800  # samples of filterpy's EKF beside every run
 COLUMNS = (
     "bank", "what it does", "processor time a sample [us]", "times faster than filterpy EKF", "wall clock a sample [us]"
@@ -42,22 +41,6 @@ def ours(
 ) -> Callable[[Log], object]:
     """A compiled bank over a log."""
     return lambda log: kernels.Bank(RIG, settings, hypotheses, filter_kind=kind).advance(log)
-
-
-def in_lanes() -> Callable[[Log], object]:
-    """LANES logs of as many seeds and onsets, as long as the one given."""
-    known: list[Log] = []
-
-    def run(log: Log) -> object:
-        if not known:
-            seconds = log.t.size / 1600.0
-            known.extend(
-                moves_log(seconds, Fault("coupling_loss", seconds * (0.2 + 0.05 * k)), seed=2 + k)
-                for k in range(LANES)
-            )
-        return lanes.posteriors(known, [MOTION] * LANES, RIG, PLAIN)
-
-    return run
 
 
 def output_error(log: Log) -> Callable[[Log], object]:
@@ -100,7 +83,6 @@ BANKS: tuple[tuple[str, str, Callable[[], Callable[[Log], object]], int, int], .
         15,
     ),
     ("ours, UKF", THREE, lambda: ours(PLAIN, "ukf", MOTION), 16000, 9),
-    (f"ours, EKF, {LANES} logs in lanes", f"{THREE}, a sample of one log", in_lanes, 16000, 9),
     ("ours, EKF, default bank", WHOLE, lambda: ours(BankSettings(), "ekf"), 96000, 9),
     ("ours, UKF, default bank", WHOLE, lambda: ours(BankSettings(), "ukf"), 16000, 5),
     (
@@ -142,9 +124,8 @@ def main() -> int:
         except ImportError as error:
             rows.append((name, what, "not installed", "", str(error)))
             continue
-        count = samples * (LANES if make is in_lanes else 1)
-        times = ratio * count / YARDSTICK
-        rows.append((name, what, micro(cost.cpu / count), f"{times:.3g}", micro(cost.wall / count)))
+        times = ratio * samples / YARDSTICK
+        rows.append((name, what, micro(cost.cpu / samples), f"{times:.3g}", micro(cost.wall / samples)))
     record("1 bank", "Filter banks on one log", COLUMNS, rows, NOTES)
     return 0
 

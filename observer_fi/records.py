@@ -35,8 +35,8 @@ class Log:
     """Measured channels on one clock; NaN marks a sample that is missing or was rejected.
 
     t (n,) s; z (n, 3) voltage [V], current [A], position [m]; w_cmd (n,) rad/s at the sample instant; pitch (n,) deg;
-    encoder (n,) rad or None; force (n,) N or None. A long log comes as several of these, in order; `first_row` is the
-    number of samples before this one.
+    encoder (n,) rad, force (n,) N, position_cmd (n,) m, each or None. A long log comes as several of these, in order;
+    `first_row` is the number of samples before this one.
     """
 
     path: str
@@ -46,6 +46,7 @@ class Log:
     pitch: Array
     encoder: Array | None = None
     force: Array | None = None
+    position_cmd: Array | None = None
     sha256: str = ""
     metadata: tuple[str, ...] = ()
     gaps: tuple[Gap, ...] = ()

@@ -1,11 +1,11 @@
 """Everything tunable, as frozen dataclasses; each number says where it comes from."""
 
-import tomllib
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from observer_fi.errors import UsageError
+from observer_fi.toml_files import checked, toml_table
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class DecisionSettings:
     doubt_s: float = 0.01
     # Nats over nominal that a fault of the whole move must have, and the probability from which another label is as good.
     move_nats: float = 30.0
-    alike: float = 0.05
+    alike: float = 0.01
     latch_nis: float = 4.0
     window_s: float = 0.1
     nis_limit: float = 2.0  # times the expected value
@@ -94,24 +94,51 @@ def load_settings(path: str | Path | None) -> Settings:
     """
     if path is None:
         return Settings()
-    try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"{path}: cannot read the settings: {error}") from error
+    table = toml_table(path, "settings", "docs/bank.md")
     settings = Settings()
-    for name, values in table.items():
-        if name not in {f.name for f in fields(Settings)}:
-            raise UsageError(
-                f"{path}: there are no settings {name!r} (known: {', '.join(f.name for f in fields(Settings))})"
-            )
-        settings = replace(settings, **{name: _changed(getattr(settings, name), values, str(path))})
+    try:
+        for name, values in table.items():
+            if name not in {f.name for f in fields(Settings)}:
+                known = ", ".join(f.name for f in fields(Settings))
+                raise UsageError(f"there are no settings {name!r} (known: {known})")
+            settings = replace(settings, **{name: _changed(getattr(settings, name), name, values)})
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
     return settings
 
 
-def _changed(group: Any, values: dict[str, Any], path: str) -> Any:
+# Shares and probabilities; every other number may be of any size from 0 on.
+AT_MOST_ONE = ("mended", "between_rate", "rare", "repeat_weight", "noisy_weight", "isolated")
+
+
+def _changed(group: Any, name: str, values: Any) -> Any:
+    """The group with what the file gives, each value of its default's type. Raises UsageError: a key, a type, a range."""
+    if not isinstance(values, dict):
+        raise UsageError(f"{name} must be a table, got {values!r:.80}")
     known = {f.name for f in fields(group)}
-    for key, value in values.items():
+    for key in values:
         if key not in known:
-            raise UsageError(f"{path}: there is no setting {key!r} (known: {', '.join(sorted(known))})")
-        group = replace(group, **{key: getattr(group, key) | value if isinstance(value, dict) else value})
-    return group
+            raise UsageError(f"there is no setting {key!r} (known: {', '.join(sorted(known))})")
+    try:
+        given = checked(_model(type(group)), values).model_dump(exclude_unset=True)
+    except UsageError as error:
+        raise UsageError(f"{name}.{error}") from error
+    defaults = {key: getattr(group, key) for key in given}
+    return replace(
+        group, **{key: defaults[key] | v if isinstance(v, dict) else v for key, v in given.items()}
+    )
+
+
+def _model(group: type) -> Any:
+    """The pydantic model of a group: finite numbers from 0 on, shares up to 1, no text and no truth value for a number."""
+    from pydantic import ConfigDict, Field, create_model
+
+    def of(name: str, kind: Any) -> Any:
+        limited = Field(ge=0.0, le=1.0 if name in AT_MOST_ONE else 1e12, allow_inf_nan=False)
+        return {
+            float: Annotated[float, limited], dict[str, float]: dict[str, Annotated[float, limited]],
+            int: Annotated[int, Field(ge=0, le=10**6)],
+        }.get(kind, kind)  # fmt: skip
+
+    members: Any = {f.name: (of(f.name, f.type), None) for f in fields(group)}
+    return create_model(group.__name__, __config__=ConfigDict(strict=True), **members)

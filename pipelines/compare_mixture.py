@@ -14,13 +14,13 @@ from pathlib import Path
 from tqdm import tqdm
 
 from observer_fi.physics import load_rig
-from observer_fi.report import json_text, page, table, write_folder
+from observer_fi.report import json_text, page, still_figures, table, write_folder
 from observer_fi.settings import Settings
 from observer_fi.verdict import as_dict, compare
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the Monte Carlo, write the page and the score sheets, print the short of it."""
+    """Run the Monte Carlo, write the page, its figure and the score sheets, print the short of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--seed", type=int, default=2018)
@@ -31,7 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     pairs = compare(args.cases, args.seed, rig, Settings())
     result = as_dict(list(tqdm(pairs, total=args.cases, unit="log", disable=None)), args.seed, rig)
     sheets = {key: value for key, value in result.items() if key != "cases"}
-    write_folder(args.out, {"compare.html": page(result), "compare.json": json_text(sheets)})
+    delays = still_figures.svg(still_figures.delay_figure(result["cases"]))
+    files = {"compare.html": page(result), "compare.json": json_text(sheets), "delays.svg": delays}
+    write_folder(args.out, files)
     print(table(result))
     print(args.out / "compare.html")
     return 0

@@ -11,10 +11,10 @@ from pathlib import Path
 import pandas as pd
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs import load_columns, log_name
+from observer_fi.logs import load_columns
 from observer_fi.physics import load_rig
 from observer_fi.report import diagnosis as report
-from observer_fi.report import write_file
+from observer_fi.report import folder_name, write_file
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose
 
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except InvalidLogError as error:
             rows.append({"log": path.name, "error": str(error)})
             continue
-        report.write(outcome, rig, args.out / log_name(path))
+        report.write(outcome, rig, args.out / folder_name(None, str(path)))
         result = report.report_dict(outcome)
         rows.append(
             {"log": path.name, **result["verdict"], "mixture": result["open_loop"]["label"]}

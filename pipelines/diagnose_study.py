@@ -6,32 +6,22 @@ Seeds from 60000 on: none of them was looked at while the bank was built.
 """
 
 import argparse
-import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-from hidden import TruthSpec, draw_move_case, draw_rest_integral, draw_rig, make_log  # noqa: E402
-
-from observer_fi.bank import (
-    Bank,  # noqa: E402
-    bank,  # noqa: E402
-    lanes,  # noqa: E402
-)
-from observer_fi.logs import log_from_frame  # noqa: E402
-from observer_fi.physics import load_rig  # noqa: E402
-from observer_fi.settings import BankSettings, Settings  # noqa: E402
-from observer_fi.verdict import (
-    diagnose_log,  # noqa: E402
-    label_of,  # noqa: E402
-)
+from observer_fi.bank import Bank, bank
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import label_of, load_rig
+from observer_fi.report import markdown_table
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict import diagnose_log
 
 FIRST_SEED = 60_000
 NAMED = ("nominal", "overload", "coupling_loss")
@@ -193,24 +183,20 @@ def without_doubt(jobs: Iterable[Job]) -> pd.DataFrame:
     """The same moves through three filters of w, I, x that take every constant of the rig file for certain, one row a class.
 
     A verdict is the most probable hypothesis at the end of the log; isolated is a fault from where its probability stays above
-    0.95. Eight logs side by side.
+    0.95.
     """
     rig, settings = load_rig(), BankSettings(augment=False, unknown=False, sensors=False)
     plain = tuple(replace(h, states=("w", "I", "x")) for h in bank(rig, settings))
     rows: list[dict[str, Any]] = []
-    left = iter(jobs)
-    while batch := list(islice(left, 10 * lanes.LANES)):
-        made = [make_log(spec_of(job), job.seed) for job in batch]
-        logs = [log_from_frame(frame) for frame, _ in made]
-        for job, (_, truth), e in zip(
-            batch, made, lanes.posteriors(logs, [plain] * len(logs), rig, settings), strict=True
-        ):
-            p = e.probability[:, [h.label for h in plain].index(job.label)]
-            unsure = np.flatnonzero(p <= 0.95)
-            since = unsure[-1] + 1 if unsure.size else 0
-            sure = truth["onset_s"] is not None and since < p.size
-            delay = 1e3 * (e.t[since] - truth["onset_s"]) if sure else np.nan
-            rows.append({"label": job.label, "right": p[-1] == e.probability[-1].max(), "ms": delay})
+    for job in jobs:
+        frame, truth = make_log(spec_of(job), job.seed)
+        e = Bank(rig, settings, plain).advance(log_from_frame(frame))
+        p = e.probability[:, [h.label for h in plain].index(job.label)]
+        unsure = np.flatnonzero(p <= 0.95)
+        since = unsure[-1] + 1 if unsure.size else 0
+        sure = truth["onset_s"] is not None and since < p.size
+        delay = 1e3 * (e.t[since] - truth["onset_s"]) if sure else np.nan
+        rows.append({"label": job.label, "right": p[-1] == e.probability[-1].max(), "ms": delay})
     groups = pd.DataFrame(rows).groupby("label", sort=False)
     return pd.DataFrame(
         {
@@ -261,13 +247,9 @@ def _percent(flags: pd.Series) -> str:
 
 def markdown(table: pd.DataFrame) -> str:
     """A table as Markdown, numbers to three digits."""
+    rows = ([index, *row] for index, row in zip(table.index, table.values.tolist(), strict=True))
     head = [table.index.name or "", *table.columns]
-    lines = [
-        head,
-        ["---"] * len(head),
-        *([index, *row] for index, row in zip(table.index, table.values.tolist(), strict=True)),
-    ]
-    return "\n".join("| " + " | ".join(_text(cell) for cell in line) + " |" for line in lines)
+    return markdown_table(head, [[_text(cell) for cell in row] for row in rows]).rstrip()
 
 
 def _text(cell: Any) -> str:

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.io import loadmat
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.records import Array, Log
+from observer_fi.report import write_file
 
 FILES = {
     "DATA_EMPS.mat": "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e",
@@ -61,8 +63,6 @@ def find_folder(folder: str | Path | None = None) -> Path:
 
 def load(name: str, folder: str | Path | None = None) -> Run:
     """One file of the benchmark, checked. Raises UsageError if it is missing, InvalidLogError if it was altered."""
-    from scipy.io import loadmat
-
     if name not in FILES:
         raise UsageError(f"there is no EMPS file {name!r} (known: {', '.join(FILES)})")
     path = find_folder(folder) / name
@@ -105,24 +105,14 @@ def to_log(run: Run) -> Log:
     )
 
 
-def to_logs(folder: str | Path | None = None) -> list[Log]:
-    """Both runs as logs: DATA_EMPS to learn from, DATA_EMPS_PULSES to judge."""
-    return [to_log(load(name, folder)) for name in FILES]
-
-
 def convert(folder: str | Path | None, out: str | Path) -> list[Path]:
     """Writes both runs as CSV with the columns of the contract into `out`; returns the files."""
     written = []
     for name in FILES:
         log = to_log(load(name, folder))
         target = Path(out) / f"{Path(name).stem.lower()}.csv"
-        target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_suffix(".part")
-        with open(part, "w", encoding="utf-8") as stream:
-            stream.writelines(f"# {line}\n" for line in log.metadata)
-            stream.write("time_s,position_m,force_cmd_n\n")
-            rows = zip(log.t.tolist(), log.z[:, 2].tolist(), np.asarray(log.force).tolist(), strict=True)
-            stream.writelines(f"{t!r},{x!r},{f!r}\n" for t, x, f in rows)
-        part.replace(target)
+        rows = zip(log.t.tolist(), log.z[:, 2].tolist(), np.asarray(log.force).tolist(), strict=True)
+        head = [*(f"# {line}" for line in log.metadata), "time_s,position_m,force_cmd_n"]
+        write_file(target, "\n".join([*head, *(f"{t!r},{x!r},{f!r}" for t, x, f in rows)]) + "\n")
         written.append(target)
     return written

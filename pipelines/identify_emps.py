@@ -19,8 +19,8 @@ from observer_fi.learn import (
     structure_of,
 )
 from observer_fi.physics import load_rig
-from observer_fi.report import fit_table, scores_table
 from pipelines.emps import FILES, LEARN, PULSES, SOURCE, VARIABLE, load, to_log
+from pipelines.emps_tables import fit_table, scores_table
 
 PUBLISHED = {"symmetric": "emps_published", "two directions": "emps_two_directions"}
 

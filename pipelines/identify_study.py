@@ -6,7 +6,6 @@ Development used seeds below 10000; the report's begin at 20000. Needs the check
 """
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -14,16 +13,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-
 import hidden
+import numpy as np
 
 from observer_fi.learn import identified_rig, identify
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import Rig, load_rig
 from observer_fi.records import Fit, Log
+from observer_fi.report import markdown_table
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log, scores
 
@@ -193,12 +190,6 @@ def diagnosis_rows(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
     return rows
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
 def report(trials: Sequence[Trial], seed: int) -> str:
     """The report as Markdown."""
     times = np.array([(t.campaign_seconds, t.all_seconds) for t in trials])
@@ -210,7 +201,7 @@ def report(trials: Sequence[Trial], seed: int) -> str:
         "## Intervals and errors",
         "95 % intervals should hold the truth in 90 to 99 % of rigs. Errors are medians of absolute errors; section 3 alone "
         "stands beside the likelihood. z is (value - truth) over the standard error.",
-        table(
+        markdown_table(
             ("parameter", "rigs", "held", "median error", "section 3 alone", "mean z", "sd z"),
             coverage_rows(trials),
         ),
@@ -221,7 +212,7 @@ def report(trials: Sequence[Trial], seed: int) -> str:
             "## Diagnosis with Table 1 and with the identified rig",
             "One move a rig and class of fault, the same logs for both rig files. Delays [ms] from onset to isolation, medians "
             "of right verdicts.",
-            table(DIAGNOSIS_HEAD, diagnosis_rows(trials)),
+            markdown_table(DIAGNOSIS_HEAD, diagnosis_rows(trials)),
         ]
     return "\n\n".join(parts) + "\n"
 

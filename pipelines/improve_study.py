@@ -10,13 +10,13 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import replace
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
+import hidden
 
-from pipelines.improve_study_cases import PAIRS, Case, case_of, run_case, summary  # noqa: E402
+from pipelines.improve_study_cases import PAIRS, Case, case_of, run_case, summary
+
+REPORTS = Path(__file__).resolve().parent.parent / "reports"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -27,14 +27,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--pairs", type=int, default=2, help="seeds for each pair of effects")
     parser.add_argument("--causes", default="", help="only these causes, separated by commas")
     parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--results", type=Path, default=ROOT / "reports" / "improve_study.jsonl")
-    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "improve.md")
+    parser.add_argument("--results", type=Path, default=REPORTS / "improve_study.jsonl")
+    parser.add_argument("--out", type=Path, default=REPORTS / "improve.md")
     options = parser.parse_args(arguments)
     options.results.parent.mkdir(parents=True, exist_ok=True)
     done = {case_of(row) for row in _rows(options.results)}
     todo = [case for case in _cases(options) if case not in done]
     with ProcessPoolExecutor(options.workers) as pool, options.results.open("a") as file:
-        running = [pool.submit(_run, case) for case in todo]
+        running = [pool.submit(run_case, case) for case in todo]
         for k, future in enumerate(as_completed(running)):
             row = future.result()
             file.write(json.dumps(row) + "\n")
@@ -46,8 +46,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _cases(options: argparse.Namespace) -> list[Case]:
-    import hidden  # the truth lives with the tests, not in the package
-
     only = set(options.causes.split(",")) - {""}
     cases = []
     if not only:
@@ -61,17 +59,6 @@ def _cases(options: argparse.Namespace) -> list[Case]:
                 inside = cause in hidden.CAUSES
                 cases += [Case((cause,), float(size), options.first + k, inside) for k in range(count)]
     return cases
-
-
-def _run(case: Case) -> dict:
-    import hidden
-
-    spec = hidden.draw_effects_case(case.seed, case.causes, case.size)
-    if case.causes == ("gravity_nonlinearity",):
-        spec = replace(spec, profile=hidden.campaign())  # three pitches cannot tell it from another B
-    frame, truth = hidden.make_log(spec, case.seed)
-    clean, _ = hidden.make_log(hidden.without_noise(spec), case.seed)
-    return run_case(case, frame, clean, truth)
 
 
 def _rows(path: Path) -> list[dict]:

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import hidden
 import numpy as np
 
 from observer_fi.improve import Improvement, improve
 from observer_fi.learn import nll_per_sample, prepare, whitened
+from observer_fi.logs import log_from_frame
 from observer_fi.physics import CAUSES, load_rig
 from observer_fi.records import Log
 
@@ -23,37 +25,6 @@ PAIRS = (
     ("shaft_ripple", "current_offset"),
     ("input_delay", "voltage_offset"),
 )
-
-# truth's parameter -> (parameter of the model, model value from the truth's, phase and rig)
-_SIZES: dict[str, tuple[str, str]] = {
-    "viscous_friction": ("plus", "viscous_positive"),
-    "stribeck_friction": ("rise", "stribeck_torque"),
-    "load_dependent_friction": ("ratio", "load_friction"),
-    "position_dependent_friction": ("gradient", "friction_slope"),
-    "gravity_nonlinearity": ("cubic", "gravity_cubic"),
-    "torque_offset": ("offset", "torque_offset"),
-    "winding_heating": ("rise", "heating_gain"),
-    "brush_drop": ("drop", "brush_drop"),
-    "supply_sag": ("resistance", "sag_resistance"),
-    "current_lag": ("lag", "current_lag"),
-    "input_delay": ("delay", "input_delay"),
-    "integrator_clamp": ("limit", "integrator_limit"),
-    "acceleration_limit": ("limit", "accel_limit"),
-    "backlash": ("width", "backlash"),
-    "partial_slip": ("slip", "slip_per_torque"),
-    "contact_exponent": ("exponent", "contact_exponent"),
-    "position_lag": ("lag", "position_lag"),
-    "position_delay": ("delay", "position_delay"),
-    "current_offset": ("offset", "current_offset"),
-    "voltage_delay": ("delay", "voltage_delay"),
-    "voltage_offset": ("offset", "voltage_offset"),
-}
-_GAINS = {"position_gain": "position_gain", "current_gain": "current_gain"}
-_RIPPLES = {
-    "shaft_ripple": "shaft_ripple",
-    "screw_ripple": "screw_ripple",
-    "position_periodic_error": "position",
-}
 
 
 @dataclass(frozen=True)
@@ -71,16 +42,17 @@ def case_of(row: dict[str, Any]) -> Case:
     return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"])
 
 
-def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[str, Any]:
-    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors.
-
-    frame, clean: the log with and without its noise.
-    """
-    log = _log(case, frame)
+def run_case(case: Case) -> dict[str, Any]:
+    """One row: what was found, in order, whether it is right, and how far the size is off in standard errors."""
+    spec = hidden.draw_effects_case(case.seed, case.causes, case.size)
+    frame, truth = hidden.make_log(spec, case.seed)
+    log = log_from_frame(frame)
     began = time.perf_counter()
     record = improve([log], load_rig())
+    seconds = time.perf_counter() - began
     sets = [[f.cause, *f.indistinguishable_from] for f in record.findings]
     smooth = [[u.equation, u.regressor] for u in record.unexplained]
+    clean = log_from_frame(hidden.make_log(hidden.without_noise(spec), case.seed)[0])
     row: dict[str, Any] = {
         "causes": list(case.causes),
         "size": case.size,
@@ -88,9 +60,9 @@ def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[
         "inside": case.inside,
         "found": sets,
         "unexplained": smooth,
-        "seconds": time.perf_counter() - began,
-        "errors": _errors(record, truth),
-        "gain_share": _gain_share(record, _log(case, clean)),
+        "seconds": seconds,
+        "errors": _errors(record, spec.effects),
+        "gain_share": _gain_share(record, log, clean),
     }
     if not case.inside:
         effect = truth["effects"][0]
@@ -100,52 +72,30 @@ def run_case(case: Case, frame: Any, clean: Any, truth: dict[str, Any]) -> dict[
     return row
 
 
-def _log(case: Case, frame: Any) -> Log:
-    return Log(
-        f"case-{case.seed}",
-        frame["time_s"].to_numpy(),
-        frame[["voltage_v", "current_a", "position_m"]].to_numpy(),
-        frame["speed_cmd_rad_s"].to_numpy(),
-        frame["pitch_deg"].to_numpy(),
-    )
-
-
-def _gain_share(record: Improvement, clean: Log) -> float | None:
+def _gain_share(record: Improvement, noisy: Log, clean: Log) -> float | None:
     """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
     if not record.findings:
         return None
-    experiment = record.experiment
+    experiment = prepare([noisy], record.rig)
     noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
     possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
     won = record.baseline.nll_per_sample - record.extended.nll_per_sample
     return won / possible if possible > 0.0 else None
 
 
-def _errors(record: Improvement, truth: dict[str, Any]) -> dict[str, float]:
+def _errors(record: Improvement, effects: Iterable[hidden.Effect]) -> dict[str, float]:
     """(estimate - truth) in standard errors, for every found cause with a size to compare."""
-    found = {f.cause: {n: (v.value, v.std) for n, v in f.parameters.items()} for f in record.findings}
+    found = {f.cause: f.parameters for f in record.findings}
     errors = {}
-    for effect in truth["effects"]:
-        name = effect["cause"]
-        values = {n: p["value"] for n, p in effect["parameters"].items()}
-        if name not in found:
+    for effect in effects:
+        size = hidden.right_size(effect)
+        if size is None or not all(name in found.get(effect.cause, {}) for name in size.parameters):
             continue
-        if name in _SIZES:
-            there, here = _SIZES[name]
-            value, std = found[name].get(here, (math.nan, math.nan))
-            error = value - values[there]
-        elif name in _GAINS:
-            value, std = found[name][_GAINS[name]]
-            error = value - 1.0 - values["gain"]
-        elif name in _RIPPLES:
-            stem = _RIPPLES[name]
-            sin, cos = found[name][f"{stem}_sin"], found[name][f"{stem}_cos"]
-            error = math.hypot(sin[0], cos[0]) - values["amplitude"]
-            std = max(sin[1], cos[1])
-        else:
-            continue
-        if std > 0.0 and math.isfinite(error):
-            errors[name] = error / std
+        values = [found[effect.cause][name] for name in size.parameters]
+        estimate = values[0].value if len(values) == 1 else math.hypot(*(v.value for v in values))
+        std = max(v.std for v in values)
+        if std > 0.0 and math.isfinite(estimate):
+            errors[effect.cause] = (estimate - size.value) / std
     return errors
 
 

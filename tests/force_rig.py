@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from observer_fi.physics.rigs import Quantity, Rig
 from observer_fi.records import Log
 
 MASS, COULOMB, TURN = 80.0, 18.0, 2e-3
@@ -90,3 +91,21 @@ def log(truth: Truth, seconds: float = 20.0, seed: int = 1) -> Log:
     z[:, 2] = seen
     t = STEP * np.arange(wanted.size)
     return Log(f"seed{seed}", t, z, np.full(t.size, np.nan), np.zeros(t.size), force=force)
+
+
+DRAG = 150.0
+VISCOUS = {
+    "viscous_positive": Quantity(DRAG * D**2, "N m s/rad"),
+    "viscous_negative": Quantity(DRAG * D**2, "N m s/rad"),
+}
+
+
+def rig(**quantities: Quantity) -> Rig:
+    """Inertia and Coulomb friction a tenth off, the hold of the controller known."""
+    base = {
+        "J": Quantity(0.9 * MASS * D**2, "kg m^2"),
+        "A": Quantity(0.9 * COULOMB * D, "N m"),
+        "D": Quantity(D, "m/rad"),
+        "input_delay": Quantity(5e-4, "s"),
+    }
+    return Rig("bench", "", "force", base | quantities)

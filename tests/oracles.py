@@ -34,16 +34,6 @@ def imm_step(mu, moments, M, z, steps):
     return weight / weight.sum(), mixed, log_density
 
 
-def rts(xs, Ps, F, ahead, P_ahead):
-    """Rauch, Tung and Striebel (1965): smoothed moments from the filtered and the predicted ones; F[k] leads to k."""
-    xs, Ps = [*xs], [*Ps]
-    for k in range(len(xs) - 2, -1, -1):
-        G = Ps[k] @ F[k + 1].T @ np.linalg.inv(P_ahead[k + 1])
-        xs[k] = xs[k] + G @ (xs[k + 1] - ahead[k + 1])
-        Ps[k] = Ps[k] + G @ (Ps[k + 1] - P_ahead[k + 1]) @ G.T
-    return np.array(xs), np.array(Ps)
-
-
 def servo(model, dt):
     """The motor under its PI servo without friction or saturation, x = (w, I, x), z = (V, i, x), command w_c held over dt.
 

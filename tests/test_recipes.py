@@ -34,4 +34,4 @@ def test_the_papers_figures_come_out_right(tmp_path: Path) -> None:
 
 def test_the_comparison_writes_its_page(tmp_path: Path) -> None:
     assert compare_mixture.main(["--cases", "3", "--out", str(tmp_path / "out")]) == 0
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"compare.html", "compare.json"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"compare.html", "compare.json", "delays.svg"}

@@ -35,7 +35,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     ("[bnak]\nfault_rate = 1", r"no settings 'bnak' \(known: bank, decision\)"),
     ("[bank]\nfault_rat = 1", r"no setting 'fault_rat' \(known: .*fault_rate"),
     ("[decision]\nwindow = 1", r"no setting 'window' \(known: .*window_s"),
-    ("[bank", "cannot read the settings"),
+    ("[bank", "not a TOML file"),
 ])  # fmt: skip
 def test_a_misspelt_key_is_one_line_with_the_right_ones(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=message) as error:

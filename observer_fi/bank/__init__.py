@@ -1,36 +1,47 @@
 """The hypotheses and their filters: one interacting-multiple-model bank, compiled, and its oracle on filterpy."""
 
-from observer_fi.bank import compiled_bank, first_state, lanes, log_feed, transition
-from observer_fi.bank.bank_state import Memory, memory_of, put, remembered, seats
-from observer_fi.bank.compiled_bank import Bank, Feed
-from observer_fi.bank.filterpy_bank import FilterpyBank
+from typing import TYPE_CHECKING, Any
+
+from observer_fi.bank import compiled_bank, first_state, log_feed, transition
+from observer_fi.bank.bank_state import HypothesisState, bank_state_of, state_of, state_places, write_state
+from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank, of_a_move
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.work_arrays import scratch
+from observer_fi.bank.work_arrays import work_arrays
+
+if TYPE_CHECKING:
+    from observer_fi.bank.filterpy_bank import FilterpyBank
 
 __all__ = [
     "Bank",
-    "Feed",
+    "LogSamples",
     "FilterpyBank",
     "Hypothesis",
-    "Memory",
+    "HypothesisState",
     "arrays",
     "bank",
     "bank_rows",
     "compiled_bank",
     "first_state",
-    "lanes",
     "log_feed",
-    "memory_of",
     "of_a_move",
-    "put",
-    "remembered",
-    "scratch",
-    "seats",
+    "state_of",
+    "write_state",
+    "bank_state_of",
+    "work_arrays",
+    "state_places",
     "start",
     "transition",
     "tuning",
     "usual_step",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "FilterpyBank":  # filterpy is slow to import, and only its own bank needs it
+        from observer_fi.bank.filterpy_bank import FilterpyBank
+
+        return FilterpyBank
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

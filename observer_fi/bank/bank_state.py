@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.bank import transition as tr
 from observer_fi.bank.packing import BankRows, lined_up
 from observer_fi.records import Array
 
@@ -15,7 +14,7 @@ UNLIKELY = 1e-9  # probability of every hypothesis but the first before the firs
 class BankState(NamedTuple):
     """Everything a bank remembers between samples, in rows of L numbers.
 
-    x (n, L), P (n, n, L) on and above its diagonal, slow (SLOW, L), bias (2, L) mean and variance of a failed channel's bias,
+    x (n, L), P (n, n, L) on and above its diagonal, slow (carried, L), bias (2, L) mean and variance of a failed channel's bias,
     predicted (3, L) the last predictions, glitches (3, L) how many samples in a row a channel was taken for a glitch,
     mu (1, L) probabilities, z (3,) last reading of each channel, t (1,) last time or NaN before the first sample,
     stopped (1,) 1 from a command of zero to the next sample that counts as evidence.
@@ -33,7 +32,7 @@ class BankState(NamedTuple):
     stopped: Array
 
 
-class Memory(NamedTuple):
+class HypothesisState(NamedTuple):
     """What one hypothesis remembers, in its own order of states: x (n,), P (n, n), the others as in BankState."""
 
     x: Array
@@ -47,20 +46,20 @@ class Memory(NamedTuple):
     stopped: Array
 
 
-def remembered(b: BankRows, memories: list[Memory]) -> BankState:
+def bank_state_of(b: BankRows, memories: list[HypothesisState]) -> BankState:
     """The memory of a bank from those of its hypotheses at one time; its probabilities are those of a bank that begins."""
     L, first = len(b.wide), memories[0]
     s = lined_up(BankState(
-        b.entry_mean.copy(), np.zeros((b.n, b.n, L)), np.zeros((tr.SLOW, L)), np.zeros((2, L)), np.zeros((3, L)),
+        b.entry_mean.copy(), np.zeros((b.n, b.n, L)), np.zeros((b.carried, L)), np.zeros((2, L)), np.zeros((3, L)),
         np.zeros((3, L)), np.full((1, L), UNLIKELY), first.z.copy(), first.t.copy(), first.stopped.copy(),
     ))  # fmt: skip
     s.mu[0, 0] = 1.0 - UNLIKELY * (b.m - 1)
     for row in range(L):
-        put(s, row, seats(b, row), memories[row if row < b.m else 0])
+        write_state(s, row, state_places(b, row), memories[row if row < b.m else 0])
     return s
 
 
-class Seats(NamedTuple):
+class StatePlaces(NamedTuple):
     """Where a hypothesis has its states, to (n,), and row and column of their covariances, low and high (n, n)."""
 
     to: NDArray[np.int64]
@@ -68,14 +67,14 @@ class Seats(NamedTuple):
     high: NDArray[np.int64]
 
 
-def seats(b: BankRows, row: int) -> Seats:
+def state_places(b: BankRows, row: int) -> StatePlaces:
     """Those of one number of the rows."""
     to = b.places[row]
     to = to[to >= 0]
-    return Seats(to, np.minimum(to[:, None], to), np.maximum(to[:, None], to))
+    return StatePlaces(to, np.minimum(to[:, None], to), np.maximum(to[:, None], to))
 
 
-def put(s: BankState, row: int, at: Seats, memory: Memory) -> None:
+def write_state(s: BankState, row: int, at: StatePlaces, memory: HypothesisState) -> None:
     """The memory of one hypothesis into a number of the rows of a bank's."""
     s.x[at.to, row] = memory.x
     s.P[at.low, at.high, row] = memory.P
@@ -83,9 +82,9 @@ def put(s: BankState, row: int, at: Seats, memory: Memory) -> None:
     s.predicted[:, row], s.glitches[:, row] = memory.predicted, memory.glitches
 
 
-def memory_of(s: BankState, row: int, at: Seats) -> Memory:
+def state_of(s: BankState, row: int, at: StatePlaces) -> HypothesisState:
     """What the hypothesis in a number of the rows remembers, a copy."""
-    return Memory(
+    return HypothesisState(
         s.x[at.to, row], s.P[at.low, at.high, row], s.slow[:, row].copy(), s.bias[:, row].copy(),
         s.predicted[:, row].copy(), s.glitches[:, row].copy(), s.z.copy(), s.t.copy(), s.stopped.copy(),
     )  # fmt: skip

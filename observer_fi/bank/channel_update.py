@@ -6,7 +6,7 @@ Hypotheses stand side by side (`bank_rows.py`).
 import math
 
 from observer_fi.bank import transition as tr
-from observer_fi.numerics import above, inlined, nothing, sqrt
+from observer_fi.numerics import inlined, sqrt, where_above, zeros_like
 
 
 @inlined
@@ -17,20 +17,20 @@ def gate(tune, r, c, e, S):
     the gate and moves nothing; nor does a channel that a hypothesis does not believe.
     """
     believed, per_S, limit, count = 1.0 - r.failed[c], 1.0 / S, tune.glitch * tune.glitch, r.glitches[c]
-    far = above(e * e, limit * S, 1.0, 0.0)
-    glitch = above(tune.glitch_samples, count, far, 0.0)
-    r.glitches[c] = above(believed, 0.5, far * (count + glitch), count)
+    far = where_above(e * e, limit * S, 1.0, 0.0)
+    glitch = where_above(tune.glitch_samples, count, far, 0.0)
+    r.glitches[c] = where_above(believed, 0.5, far * (count + glitch), count)
     r.e[c], r.S[c] = e, S
-    r.product[0] = r.product[0] * above(believed, 0.5, S, 1.0)
-    nis = believed * above(glitch, 0.5, limit, e * e * per_S)
-    return above(glitch, 0.5, 0.0, believed * per_S), nis, -believed * tr.LOG_2PI - nis
+    r.product[0] = r.product[0] * where_above(believed, 0.5, S, 1.0)
+    nis = believed * where_above(glitch, 0.5, limit, e * e * per_S)
+    return where_above(glitch, 0.5, 0.0, believed * per_S), nis, -believed * tr.LOG_2PI - nis
 
 
 @inlined
 def doubted(b, tune, r, c):
     """Variance of channel c without the state's: the sensor's noise, and what the timing of the servo puts in doubt."""
     change = tune.timing * (r.y[c] - r.predicted[c])
-    return b.noise[c] + above(change * change, 0.0, change * change, 0.0)
+    return b.noise[c] + where_above(change * change, 0.0, change * change, 0.0)
 
 
 @inlined
@@ -39,16 +39,19 @@ def of_failed(b, tune, r, z, row, previous, expected, variance):
 
     z (n, 3) readings, previous (3,) the ones before; expected, variance: three rows, what the states predict.
     """
-    none = nothing(r.nis[0])
+    none = zeros_like(r.nis[0])
     reading, before, y, spread, noise, there = none, none, none, 1.0 + none, 1.0 + none, none
     for c in range(3):
         if z[row, c] == z[row, c]:
             mine, last = r.failed[c], previous[c] if previous[c] == previous[c] else math.inf
-            reading, there = above(mine, 0.5, z[row, c], reading), above(mine, 0.5, 1.0, there)
-            before, noise = above(mine, 0.5, last, before), above(mine, 0.5, doubted(b, tune, r, c), noise)
-            y, spread = above(mine, 0.5, expected[c], y), above(mine, 0.5, variance[c], spread)
+            reading, there = where_above(mine, 0.5, z[row, c], reading), where_above(mine, 0.5, 1.0, there)
+            before, noise = (
+                where_above(mine, 0.5, last, before),
+                where_above(mine, 0.5, doubted(b, tune, r, c), noise),
+            )
+            y, spread = where_above(mine, 0.5, expected[c], y), where_above(mine, 0.5, variance[c], spread)
     density, mean, left = tr.failed_channel(
         reading, before, y, spread, sqrt(noise), r.bias[0], r.bias[1], tune.failed
     )
-    r.bias[0], r.bias[1] = above(there, 0.5, mean, r.bias[0]), above(there, 0.5, left, r.bias[1])
-    return above(there, 0.5, density, 0.0)
+    r.bias[0], r.bias[1] = where_above(there, 0.5, mean, r.bias[0]), where_above(there, 0.5, left, r.bias[1])
+    return where_above(there, 0.5, density, 0.0)

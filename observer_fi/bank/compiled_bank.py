@@ -16,14 +16,24 @@ from numpy.typing import NDArray
 from observer_fi.bank import ekf as extended
 from observer_fi.bank import transition as tr
 from observer_fi.bank import ukf as unscented
-from observer_fi.bank.bank_state import BankState, Memory, memory_of, remembered, seats
+from observer_fi.bank.bank_state import BankState, HypothesisState, bank_state_of, state_of, state_places
 from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
 from observer_fi.bank.imm import mix, posterior
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.work_arrays import rows_of, scratch
-from observer_fi.numerics import above, compiled, inlined, larger, nothing, room, seldom, sqrt, uncounted
+from observer_fi.bank.work_arrays import rows_of, work_arrays
+from observer_fi.numerics import (
+    aligned_empty,
+    any_of_rare,
+    compiled,
+    inlined,
+    maximum,
+    sqrt,
+    uncounted,
+    where_above,
+    zeros_like,
+)
 from observer_fi.physics import Rig
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
@@ -32,7 +42,7 @@ BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as muc
 TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
 
 
-class Feed(NamedTuple):
+class LogSamples(NamedTuple):
     """n samples as the loops take them.
 
     t (n,) s; interval (n, 2 m) command at the half-steps of the interval that ends at a sample, w_cmd (n,) at the sample
@@ -46,19 +56,19 @@ class Feed(NamedTuple):
     z: Array
     active: NDArray[np.bool_]
 
-    def cut(self, first: int, last: int) -> "Feed":
+    def cut(self, first: int, last: int) -> "LogSamples":
         """Samples first:last."""
         part = slice(first, last)
-        return Feed(
+        return LogSamples(
             self.t[part], self.interval[part], self.w_cmd[part], self.theta[part], self.z[part], self.active[part]
         )  # fmt: skip
 
-    def after(self, before: "Feed | None") -> "Feed":
+    def after(self, before: "LogSamples | None") -> "LogSamples":
         """These samples behind the tail of the ones before."""
         if before is None:
             return self
         tail = before.t >= before.t[-1] - TAIL_S
-        return Feed(
+        return LogSamples(
             np.concatenate((before.t[tail], self.t)),
             np.concatenate((before.interval[tail], self.interval)),
             np.concatenate((before.w_cmd[tail], self.w_cmd)),
@@ -107,12 +117,12 @@ def _begin(b, tune, state, scr, r, dt, feed, k, first):
 @inlined
 def _lost(b, r):
     """1 for a hypothesis beyond what any reading can have meant: its numbers would soon be no numbers."""
-    far, wide, negative = nothing(r.x[0]), nothing(r.x[0]), nothing(r.x[0])
+    far, wide, negative = zeros_like(r.x[0]), zeros_like(r.x[0]), zeros_like(r.x[0])
     for k in range(b.n):
         far, wide = far + abs(r.x[k]), wide + abs(r.P[k, k])
-        negative = larger(negative, -r.P[k, k])
-    kept = above(tr.FARTHEST, far, 1.0, 0.0) * above(tr.WIDEST, wide, 1.0, 0.0)
-    return 1.0 - kept * above(1.0, negative, 1.0, 0.0)
+        negative = maximum(negative, -r.P[k, k])
+    kept = where_above(tr.FARTHEST, far, 1.0, 0.0) * where_above(tr.WIDEST, wide, 1.0, 0.0)
+    return 1.0 - kept * where_above(1.0, negative, 1.0, 0.0)
 
 
 @inlined
@@ -121,22 +131,25 @@ def _start_anew(b, r, state, lost):
     position = state.z[2]
     for k in range(b.n):
         for q in range(k, b.n):
-            r.P[k, q] = above(lost, 0.0, r.entry_var[k] if q == k else nothing(lost), r.P[k, q])
-        r.x[k] = above(lost, 0.0, r.entry_mean[k], r.x[k])
+            r.P[k, q] = where_above(lost, 0.0, r.entry_var[k] if q == k else zeros_like(lost), r.P[k, q])
+        r.x[k] = where_above(lost, 0.0, r.entry_mean[k], r.x[k])
     if position == position:
-        r.x[2] = above(lost, 0.0, position, r.x[2])
-    for k in range(tr.SLOW):
-        r.slow[k] = above(lost, 0.0, 0.0, r.slow[k])
-    r.bias[0], r.bias[1] = above(lost, 0.0, 0.0, r.bias[0]), above(lost, 0.0, r.failed_noise[0], r.bias[1])
+        r.x[2] = where_above(lost, 0.0, position, r.x[2])
+    for k in range(b.carried):
+        r.slow[k] = where_above(lost, 0.0, r.slow_at_rest[k], r.slow[k])
+    r.bias[0], r.bias[1] = (
+        where_above(lost, 0.0, 0.0, r.bias[0]),
+        where_above(lost, 0.0, r.failed_noise[0], r.bias[1]),
+    )
 
 
 @inlined
 def _strain(b, r):
     """How far hypotheses had to stretch constants that only they have, in prior standard deviations."""
-    worst = nothing(r.x[0])
+    worst = zeros_like(r.x[0])
     for k in range(3, b.n):
         off = r.x[k] - r.entry_mean[k]
-        worst = larger(r.own[k] * (off * off) / above(r.own[k], 0.0, r.entry_var[k], 1.0), worst)
+        worst = maximum(r.own[k] * (off * off) / where_above(r.own[k], 0.0, r.entry_var[k], 1.0), worst)
     return sqrt(worst)
 
 
@@ -167,10 +180,10 @@ def _finish(b, state, scr, r, feed, out, k):
 @inlined
 def _judge(b, state, scr, r, lost, mixing):
     """Densities, and what they make of the probabilities; hypotheses that numbers have failed start anew."""
-    gone = above(r.density[0], tr.LOST, 0.0, 1.0)
-    if seldom(gone + lost):
+    gone = where_above(r.density[0], tr.LOST, 0.0, 1.0)
+    if any_of_rare(gone + lost):
         _start_anew(b, r, state, gone)
-        r.density[0] = above(gone + lost, 0.0, tr.LOST, r.density[0])
+        r.density[0] = where_above(gone + lost, 0.0, tr.LOST, r.density[0])
     if mixing:
         posterior(b, state, scr, r)
 
@@ -198,12 +211,14 @@ def run(b, tune, state, scr, feed, out):
         mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
-            extended.predict(b, tune, r, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k])
+            extended.predict(
+                b, tune, r, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
+            )
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)
-        if seldom(lost):
+        if any_of_rare(lost):
             _start_anew(b, r, state, lost)
-        if b.n > 3 and (first or seldom(lost)):
+        if b.n > 3 and (first or any_of_rare(lost)):
             tr.load_parameters(r.x, b.at, r.has, r.parameters, r.p)
         extended.update(b, tune, r, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
@@ -221,11 +236,11 @@ def run_unscented(b, tune, state, scr, feed, out):
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
             unscented.predict(
-                b, tune, r, u, from_x, from_P, dt, feed.interval, k, feed.w_cmd[k], feed.theta[k]
+                b, tune, r, u, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
             )
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)
-        if seldom(lost):
+        if any_of_rare(lost):
             _start_anew(b, r, state, lost)
         unscented.update(b, tune, r, u, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
@@ -253,13 +268,13 @@ class Bank:
         self.hypotheses = bank(rig, settings) if hypotheses is None else hypotheses
         self.arrays = arrays(self.hypotheses, rig, settings)
         self.rows = bank_rows(self.hypotheses, self.arrays)
-        self.seats = [seats(self.rows, j) for j in range(self.rows.m)]
+        self.seats = [state_places(self.rows, j) for j in range(self.rows.m)]
         self.tuning = tuning(settings)
         self.run = run_unscented if filter_kind == "ukf" else run
-        self.scratch = scratch(self.rows)
+        self.scratch = work_arrays(self.rows)
         self.state: BankState | None = None
-        self.recent: Feed | None = None
-        self.snapshots: deque[tuple[float, Memory]] = deque()
+        self.recent: LogSamples | None = None
+        self.snapshots: deque[tuple[float, HypothesisState]] = deque()
         self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
 
@@ -269,32 +284,32 @@ class Bank:
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         if self.state is None:
             self.state = self.start(first_readings(log.z), w_cmd[0])
-        now = Feed(log.t, interval, w_cmd, log.pitch, log.z, under_way(interval, w_cmd))
+        now = LogSamples(log.t, interval, w_cmd, log.pitch, log.z, under_way(interval, w_cmd))
         n, out = log.t.size, written(log.t.size, len(self.hypotheses))
         self.recent = now.after(self.recent)
         for first in range(0, n, BLOCK):
             if n > 1:
-                self.snapshots.append((float(log.t[first]), memory_of(self.state, 0, self.seats[0])))
+                self.snapshots.append((float(log.t[first]), state_of(self.state, 0, self.seats[0])))
             self._run(now.cut(first, first + BLOCK), out.cut(first, first + BLOCK))
         self._forget()
         return self._estimate(now, out).at(own)
 
-    def _run(self, feed: Feed, out: Written) -> None:
+    def _run(self, feed: LogSamples, out: Written) -> None:
         self.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
 
-    def _estimate(self, feed: Feed, out: Written) -> Estimate:
+    def _estimate(self, feed: LogSamples, out: Written) -> Estimate:
         names = tuple(h.name for h in self.hypotheses)
         return Estimate(feed.t, names, *out[:5], feed.active, *out[5:])
 
     def start(self, z0: Array, command0: float) -> BankState:
         """The memory before the first sample (see `beginning.start`)."""
-        return remembered(self.rows, start(self.hypotheses, self.arrays, z0, command0))
+        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0))
 
     def moments(self) -> list[tuple[Array, Array]]:
         """Mean (n,) and covariance (n, n) of each hypothesis after the last sample, SI units; none before the first."""
         if self.state is None:
             return []
-        memories = [memory_of(self.state, j, at) for j, at in enumerate(self.seats)]
+        memories = [state_of(self.state, j, at) for j, at in enumerate(self.seats)]
         return [(memory.x, memory.P) for memory in memories]
 
     def memory(self) -> "Bank":
@@ -313,7 +328,7 @@ class Bank:
 def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
     """Arrays of these shapes in one allocation, which the system gives in large pages: small ones cost more than a sample."""
     sizes = [math.prod(shape) for shape in shapes]
-    parts = np.split(room(sum(sizes)), np.cumsum(sizes)[:-1])
+    parts = np.split(aligned_empty(sum(sizes)), np.cumsum(sizes)[:-1])
     return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 

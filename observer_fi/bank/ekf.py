@@ -1,15 +1,16 @@
 """Extended Kalman filters of all hypotheses of a bank side by side, compiled: a prediction, and scalar updates.
 
-A hypothesis is one number of every row (`bank_rows.py`). Of a covariance only what is on and above its diagonal is kept.
+A hypothesis is one number of every row (`packing.py`). Of a covariance only what is on and above its diagonal is kept.
 """
 
 import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
-from observer_fi.bank.motion_moments import onto, shown, through, without
-from observer_fi.numerics import above, inlined, log, nothing, seldom
-from observer_fi.physics import VMAX
+from observer_fi.bank.motion_moments import P_times_h, onto, through, without
+from observer_fi.numerics import any_of_rare, inlined, log, where_above, zeros_like
+from observer_fi.physics import VMAX, linear, plant
+from observer_fi.physics import equations as a
 
 REST_VARIANCE = tr.REST_VARIANCE
 
@@ -27,31 +28,42 @@ def _core(P):
 
 
 @inlined
-def _step_mean(b, r, from_x, dt, interval, row, last, theta):
-    """States a sample later into r.x; what moves them (by_w, by_I, by_x, x_by_w), who rests, and the change of w."""
+def _step_mean(b, r, from_x, dt, now, interval, row, last, theta):
+    """States a sample later into r.x, and what the mean carries; what moves them (by_w, by_I, by_x, x_by_w), who rests, the
+    change of w, and what a play puts in doubt of x.
+    """
     n, w, I, pos, p = b.n, from_x[0], from_x[1], from_x[2], r.p
-    d, torque, rate = nothing(w), nothing(w), nothing(w)
+    d, torque, rate = zeros_like(w), zeros_like(w), zeros_like(w)
     if n > 3:
         tr.load_parameters(from_x, b.at, r.has, r.parameters, p)
-        d = tr.held(from_x, b.at, r.has, tr.AT_D, 0.0)
-        torque = tr.held(from_x, b.at, r.has, tr.AT_TORQUE, 0.0)
-        rate = tr.held(from_x, b.at, r.has, tr.AT_RATE, 0.0)
-    slow = (r.slow[tr.PHI], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED])
-    by_w, by_I, by_x, x_by_w, i, di_dV, load, per_J = tr.motion_slopes(
-        w, I, pos, d, slow[0], slow[1], slow[2], interval[row, 0], theta, torque, p
+        d = tr.state_or(from_x, b.at, r.has, tr.AT_D, 0.0)
+        torque = tr.state_or(from_x, b.at, r.has, tr.AT_TORQUE, 0.0)
+        rate = tr.state_or(from_x, b.at, r.has, tr.AT_RATE, 0.0)
+    c, doubt = tr.carried_in(r.slow), zeros_like(w)
+    m = plant.Motion(w, I, pos, d, c.phi, c.c)
+    by_w, by_I, by_x, x_by_w, i, di_dV, load, per_J = linear.motion_slopes(
+        m, tr.slow_of(c), interval[row, 0], theta, plant.Free(torque, rate), p
     )
     if n > 3:
         tr.constant_slopes(from_x, b.at, r.has, w, d, i, di_dV, load, per_J, theta, p, r.parameters, r.g)
-    (w1, I1, x1, d1), after, rests = tr.advance(
-        w, I, pos, d, torque, rate, slow, dt, interval.shape[1] // 2, interval, row, last, theta, p
+    (w1, I1, x1, d1), after, rests, grip = tr.advance(
+        w, I, pos, d, torque, rate, c, dt, now, interval, row, last, theta, p
     )
-    r.slow[tr.PHI], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED] = after
+    tr.carry_into(r.slow, after)
+    if b.delayed:
+        tr.delay_readings(
+            r.slow, b.delays, (w, I, pos, c), (w1, I1, x1, after), interval[row, 0], last, now, dt, p
+        )
+    if any_of_rare(p[a.EXTENDED]):
+        doubt, x_by_w = tr.play_doubt(c.high - c.low, after.high - after.low), x_by_w * grip
+        for k in b.movers:
+            r.g[1, k] = r.g[1, k] * grip
     for k in range(3, n):
         r.x[k] = from_x[k]
     r.x[0], r.x[1], r.x[2] = w1, I1, x1
     if b.at[tr.AT_D] >= 0:
-        r.x[b.at[tr.AT_D]] = above(r.has[tr.AT_D], 0.5, d1, r.x[b.at[tr.AT_D]])
-    return by_w, by_I, by_x, x_by_w, rests, w1 - w
+        r.x[b.at[tr.AT_D]] = where_above(r.has[tr.AT_D], 0.5, d1, r.x[b.at[tr.AT_D]])
+    return by_w, by_I, by_x, x_by_w, rests, w1 - w, doubt
 
 
 @inlined
@@ -59,17 +71,17 @@ def _transition(b, r, by_w, by_I, by_x, x_by_w, rests, dt):
     """Rows of the transition matrix: of w, I, x by each other; by constants into r.into. A motor that rests forgets its
     speed, and nothing else moves.
     """
-    by_d = nothing(by_w)
+    by_d = zeros_like(by_w)
     if b.at[tr.AT_D] >= 0:
-        by_d = above(r.has[tr.AT_D], 0.5, r.g[0, b.at[tr.AT_D]], by_d)
-    f00, f01, f02, f10, f11, f20, f21 = tr.motion_transition(by_w, by_I, by_x, by_d, x_by_w, dt)
-    moves = above(rests, 0.0, 0.0, 1.0)
+        by_d = where_above(r.has[tr.AT_D], 0.5, r.g[0, b.at[tr.AT_D]], by_d)
+    f00, f01, f02, f10, f11, f20, f21 = linear.motion_transition(by_w, by_I, by_x, by_d, x_by_w, dt)
+    moves = where_above(rests, 0.0, 0.0, 1.0)
     for k in range(3, b.n):
-        push = tr.constant_transition(by_w, by_x, by_d, r.g[0, k], r.g[1, k], dt)
+        push = linear.constant_transition(by_w, by_x, by_d, r.g[0, k], r.g[1, k], dt)
         r.into[0, k], r.into[1, k] = moves * push, moves * (r.g[1, k] * dt)
-    if seldom(rests):
+    if any_of_rare(rests):
         f00, f01, f02 = moves * f00, moves * f01, moves * f02
-        f10, f11, f20, f21 = moves * f10, above(rests, 0.0, 1.0, f11), moves * f20, moves * f21
+        f10, f11, f20, f21 = moves * f10, where_above(rests, 0.0, 1.0, f11), moves * f20, moves * f21
     return f00, f01, f02, f10, f11, f20, f21
 
 
@@ -127,12 +139,14 @@ def _indented(b, r, t, p, from_P, changes):
 
 
 @inlined
-def predict(b, tune, r, from_x, from_P, dt, interval, row, last, theta):
+def predict(b, tune, r, from_x, from_P, dt, now, interval, row, last, theta):
     """Means and covariances a sample later, from from_x, from_P to r.x, r.P, which may be the same; r.slow in place.
 
     Returns the covariances of w, I, x after the step with those before; with the constants they are in r.T, rows 0 to 2.
     """
-    by_w, by_I, by_x, x_by_w, rests, change = _step_mean(b, r, from_x, dt, interval, row, last, theta)
+    by_w, by_I, by_x, x_by_w, rests, change, doubt = _step_mean(
+        b, r, from_x, dt, now, interval, row, last, theta
+    )
     f = _transition(b, r, by_w, by_I, by_x, x_by_w, rests, dt)
     before = from_P[2, 2]
     t = _carry(b, r, f, from_P)
@@ -148,9 +162,9 @@ def predict(b, tune, r, from_x, from_P, dt, interval, row, last, theta):
                 r.P[0, k], r.P[1, k], r.P[2, k] = r.T[0, k], r.T[1, k], r.T[2, k]
     change = change * change
     grown = p[0] + (r.diffusion[0] * dt + tune.agility * tune.agility * change)
-    r.P[0, 0], r.P[0, 1], r.P[0, 2] = above(rests, 0.0, REST_VARIANCE, grown), p[1], p[2]
+    r.P[0, 0], r.P[0, 1], r.P[0, 2] = where_above(rests, 0.0, REST_VARIANCE, grown), p[1], p[2]
     r.P[1, 1] = p[3] + (r.diffusion[1] * dt + tune.tick * tune.tick * change)
-    r.P[1, 2], r.P[2, 2] = p[4], p[5] + r.diffusion[2] * dt
+    r.P[1, 2], r.P[2, 2] = p[4], p[5] + (r.diffusion[2] * dt + doubt)
     return t
 
 
@@ -184,9 +198,9 @@ def _channel(b, tune, r, c, z, h, off, p):
     """Scalar update by channel c, of reading z; h: slopes of what is predicted by w, I, x and the supply; off: how far these
     were corrected; p: covariance of w, I, x. Both with the correction, and NIS and density as `gate` gives them.
     """
-    v, wv, hv = b.at[tr.AT_SUPPLY], nothing(p[0]), h[3]
-    e = z - r.y[c] - _shown(h, off)
-    w0, w1, w2 = shown((h[0], h[1], h[2]), p)
+    v, wv, hv = b.at[tr.AT_SUPPLY], zeros_like(p[0]), h[3]
+    e = z - r.y[c] - _reading_change(h, off)
+    w0, w1, w2 = P_times_h((h[0], h[1], h[2]), p)
     S = doubted(b, tune, r, c)
     if b.n > 3:
         _constants_seen(b, r, h)
@@ -210,19 +224,11 @@ def update(b, tune, r, z, row, previous, w_cmd):
     Fills r.y with the predictions, r.e and r.S with innovations and their variances (e is NaN where nothing was read), r.nis,
     and r.density. previous (3,): the last readings before.
     """
-    none, v, p = nothing(r.x[0]), r.has[tr.AT_SUPPLY], _core(r.P)
-    V, i, x, V_w, V_I, V_v, i_w, i_I, i_v, x_w, x_x = tr.readings(
-        r.x[0],
-        r.x[1],
-        r.x[2],
-        r.slow[tr.H],
-        r.slow[tr.SAG],
-        r.slow[tr.LAGGED],
-        w_cmd,
-        r.p,
-        r.parameters[VMAX],
+    none, v, p = zeros_like(r.x[0]), r.has[tr.AT_SUPPLY], _core(r.P)
+    V, i, x, V_w, V_I, V_v, i_w, i_I, i_v, x_x = tr.readings(
+        r.x[0], r.x[1], r.x[2], tr.carried_in(r.slow), w_cmd, r.p, r.parameters[VMAX]
     )
-    h = ((V_w, V_I, none, v * V_v), (i_w, i_I, none, v * i_v), (x_w, none, x_x, none))
+    h = ((V_w, V_I, none, v * V_v), (i_w, i_I, none, v * i_v), (none, none, x_x, none))
     r.y[0], r.y[1], r.y[2] = V, i, x
     r.product[0], nis, doubled, off = 1.0 + none, none, none, (none, none, none, none)
     for c in range(3):
@@ -235,12 +241,16 @@ def update(b, tune, r, z, row, previous, w_cmd):
     r.nis[0], r.density[0] = nis, (doubled - log(r.product[0])) * 0.5
     if b.failing:
         variance = (_seen(b, r, h[0]), _seen(b, r, h[1]), _seen(b, r, h[2]))
-        expected = (V + _shown(h[0], off), i + _shown(h[1], off), x + _shown(h[2], off))
+        expected = (
+            V + _reading_change(h[0], off),
+            i + _reading_change(h[1], off),
+            x + _reading_change(h[2], off),
+        )
         r.density[0] = r.density[0] + of_failed(b, tune, r, z, row, previous, expected, variance)
 
 
 @inlined
-def _shown(h, off):
+def _reading_change(h, off):
     """What a reading of slopes h shows of corrections of w, I, x and the supply."""
     return h[0] * off[0] + h[1] * off[1] + h[2] * off[2] + h[3] * off[3]
 

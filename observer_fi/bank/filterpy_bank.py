@@ -28,7 +28,7 @@ from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import SKIPPED_S, Tuning, tuning
-from observer_fi.physics import VMAX, Rig
+from observer_fi.physics import VMAX, Rig, equations, linear, plant
 from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
 
@@ -39,7 +39,7 @@ class Step(NamedTuple):
     """The `u` of predict: one sample interval and what is known at its end.
 
     dt: length [s], NaN before the first sample; interval (1, 2 m): command at the half-steps [rad/s]; w_cmd: command at
-    the end [rad/s]; theta: pitch [deg]; active: whether the sample at its end counts as evidence.
+    the end [rad/s]; theta: pitch [deg]; active: whether the sample at its end counts as evidence; now: time at the end [s].
     """
 
     dt: float
@@ -47,6 +47,7 @@ class Step(NamedTuple):
     w_cmd: float
     theta: float
     active: bool = True
+    now: float = 0.0
 
 
 class Observer:
@@ -66,7 +67,11 @@ class Observer:
         self.x, self.P = np.zeros(self.n), np.eye(self.n)
         self.at, self.base = b.layout[0], b.parameters[0]
         self.has = (self.at >= 0).astype(float)
-        self.slow, self.bias, self.glitches = np.zeros(tr.SLOW), np.zeros(2), np.zeros(3)
+        self.slow, self.bias, self.glitches = tr.slow_at_rest(self.base), np.zeros(2), np.zeros(3)
+        self.grip, self.in_play = (
+            1.0,
+            0.0,
+        )  # share of the screw's travel, and variance [m^2] that a play adds to x
         self.previous = np.full(3, np.nan)
         self.predicted = np.full(3, np.nan)
         self.seen, self.doubt = np.full(3, np.nan), np.ones(3)
@@ -118,7 +123,7 @@ class Observer:
         self.x, self.P = self.b.entry_mean[0, : self.n].copy(), np.diag(self.b.entry_var[0, : self.n])
         if np.isfinite(self.previous[2]):
             self.x[2] = self.previous[2]
-        self.slow[:] = 0.0
+        self.slow[:] = tr.slow_at_rest(self.base)
         self.bias[:] = 0.0, self.b.noise[self.failed] if self.failed >= 0 else 0.0
 
     def _advance(self, u: Step) -> None:
@@ -132,19 +137,33 @@ class Observer:
         raise NotImplementedError
 
     def _moved(self, x: Array, slow: Array, u: Step) -> bool:
-        """The mean x (n,) and its slow states (SLOW,) a step on, in place; whether the motor rests at the end."""
+        """A mean x (n,) and what it carries (`slow`) a step on, in place; whether the motor rests at the end."""
         tr.load_parameters(x, self.at, self.has, self.base, self._p)
-        return bool(tr.propagate(x, self.at, self.has, slow, u.dt, u.interval, 0, u.w_cmd, u.theta, self._p))
+        rests, self.grip = tr.propagate(
+            x, self.at, self.has, slow, u.dt, u.now, u.interval, 0, u.w_cmd, u.theta, self._p
+        )
+        return bool(rests)
+
+    def _mean_moved(self, u: Step) -> tuple[Array, Array, bool]:
+        """The filter's mean (n,), what it carries and whether the motor rests, a step on."""
+        x, slow = self.x.copy(), self.slow.copy()
+        rests = self._moved(x, slow, u)
+        before, after = tr.carried_in(self.slow), tr.carried_in(slow)
+        self.in_play = tr.play_doubt(before.high - before.low, after.high - after.low)
+        delays = tr.delays(self.base)
+        if delays.any():
+            ends = (*self.x[:3], before), (*x[:3], after)
+            tr.delay_readings(slow, delays, *ends, u.interval[0, 0], u.w_cmd, u.now, u.dt, self._p)
+        return x, slow, rests
 
     def _readings(self, x: Array) -> tuple[Array, Array]:
         """(3,) readings that a state x (n,) predicts, SI, and their slopes (3, n)."""
         u, H, supply = self.step, np.zeros((3, self.n)), self.at[tr.AT_SUPPLY]
         tr.load_parameters(x, self.at, self.has, self.base, self._p)
-        slow = (self.slow[tr.H], self.slow[tr.SAG], self.slow[tr.LAGGED])
-        V, i, seen, V_w, V_I, V_v, i_w, i_I, i_v, x_w, x_x = tr.readings(
-            *x[:3], *slow, u.w_cmd, self._p, self.base[VMAX]
+        V, i, seen, V_w, V_I, V_v, i_w, i_I, i_v, x_x = tr.readings(
+            *x[:3], tr.carried_in(self.slow), u.w_cmd, self._p, self.base[VMAX]
         )
-        H[:, :3] = (V_w, V_I, 0.0), (i_w, i_I, 0.0), (x_w, 0.0, x_x)
+        H[:, :3] = (V_w, V_I, 0.0), (i_w, i_I, 0.0), (0.0, 0.0, x_x)
         if supply >= 0:
             H[:, supply] = V_v, i_v, 0.0
         return np.array([V, i, seen]), H
@@ -216,23 +235,24 @@ class Ekf(Observer, ExtendedKalmanFilter):
 
     def predict_x(self, u: Step) -> None:
         """Mean by the equations themselves, and F and Q for the covariance; filterpy's own takes F @ x for the mean."""
-        x, before = self.x.copy(), self.x[0]
-        slopes = self._slopes(u)
-        self.resting = self._moved(x, self.slow, u)
+        before, slopes = self.x[0], self._slopes(u)
+        self.x, self.slow, self.resting = self._mean_moved(u)
+        slopes[1] *= self.grip
         self.F = self._transition(slopes, u.dt)
-        self.x = x
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
         self.Q[0, 0] += (self.tune.agility * (self.x[0] - before)) ** 2
         self.Q[1, 1] += (self.tune.tick * (self.x[0] - before)) ** 2
+        self.Q[2, 2] += self.in_play
 
     def _slopes(self, u: Step) -> Array:
         """Slopes of dw/dt and dx/dt by the state, (2, n), while sliding; those of dI/dt are -1 for w."""
         x, g, p = self.x, np.zeros((2, self.n)), self._p
         tr.load_parameters(x, self.at, self.has, self.base, p)
-        d, torque = (tr.held(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
-        slow = (self.slow[tr.PHI], self.slow[tr.H], self.slow[tr.SAG])
-        g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = tr.motion_slopes(
-            x[0], x[1], x[2], d, *slow, u.interval[0, 0], u.theta, torque, p
+        d, torque = (tr.state_or(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
+        c = tr.carried_in(self.slow)
+        m = plant.Motion(x[0], x[1], x[2], d, c.phi, c.c)
+        g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(
+            m, tr.slow_of(c), u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
         )
         tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
         return g
@@ -247,11 +267,11 @@ class Ekf(Observer, ExtendedKalmanFilter):
             F[0, 0] = 0.0
             return F
         by_w, by_x, by_d = g[0, 0], g[0, 2], g[0, d] if d >= 0 else 0.0
-        F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[2, 0], F[2, 1] = tr.motion_transition(
+        F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[2, 0], F[2, 1] = linear.motion_transition(
             by_w, g[0, 1], by_x, by_d, g[1, 0], dt
         )
         for k in range(3, self.n):
-            F[0, k] = tr.constant_transition(by_w, by_x, by_d, g[0, k], g[1, k], dt)
+            F[0, k] = linear.constant_transition(by_w, by_x, by_d, g[0, k], g[1, k], dt)
             F[2, k] = dt * g[1, k]
         if d >= 0:  # an indentation moves with x
             F[d] = F[2]
@@ -307,6 +327,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
         x, P = unscented_transform(points, Wm, Wc, Q)
         P[0, 0] += (self.tune.agility * (x[0] - self.x[0])) ** 2
         P[1, 1] += (self.tune.tick * (x[0] - self.x[0])) ** 2
+        P[2, 2] += self.in_play
         if not points[:, 0].any():
             P[0, 0] = REST_VARIANCE
         return x, P
@@ -323,9 +344,9 @@ class Ukf(Observer, UnscentedKalmanFilter):
 
     def _advance(self, u: Step) -> None:
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
-        mean = self.x.copy()
+        _, after, _ = self._mean_moved(u)
         UnscentedKalmanFilter.predict(self, u.dt, UT=self._moments)
-        self._moved(mean, self.slow, u)
+        self.slow = after
 
     def _predicted_readings(self) -> tuple[Array, Array]:
         self.sigmas_h = np.array([self._readings(s)[0] for s in self.sigmas_f])
@@ -364,6 +385,7 @@ class LogIMM(IMMEstimator):
         super().__init__([_SameShape() for _ in filters], np.ones(m), np.full((m, m), 1.0 / m))
         self.filters = list(filters)
         self.b, self.bias_entry = b, bias_entry
+        self.carries = bool(b.parameters[:, equations.EXTENDED].any())
         self.log_mu = np.maximum(log_mu, np.log(UNREACHED))
         self.mu = np.exp(self.log_mu)
         self.mixing, self._dt = False, -1.0
@@ -413,13 +435,15 @@ class LogIMM(IMMEstimator):
 
     def _mix(self) -> None:
         """New starting moments for every filter; a state that a source lacks comes from the target's entry prior."""
-        before = [(f.x, f.P, f.bias.copy()) for f in self.filters]
+        before = [(f.x, f.P, f.bias.copy(), f.slow) for f in self.filters]
         for j, target in enumerate(self.filters):
             weights = [(i, self.omega[i, j]) for i in range(self.N) if self.omega[i, j] >= NEGLIGIBLE]
             parts = [(w, *self._entered(*before[i][:2], i, j)) for i, w in weights]
             target.x = sum(w * x for w, x, _ in parts)
             target.P = sum(w * (P + np.outer(x - target.x, x - target.x)) for w, x, P in parts)
             self._mix_bias(target, before[j][2], j, weights)
+            if self.carries:
+                target.slow = sum(w * before[i][3] for i, w in weights)
 
     def _entered(self, x: Array, P: Array, i: int, j: int) -> tuple[Array, Array]:
         """Moments x, P of source i in the states of target j."""
@@ -482,7 +506,7 @@ class FilterpyBank:
             with np.errstate(
                 over="ignore", invalid="ignore"
             ):  # a hypothesis whose numbers overflow starts anew
-                imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k]))
+                imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k], log.t[k]))
                 imm.update(log.z[k])
             self.t = log.t[k]
             mu[k] = imm.mu

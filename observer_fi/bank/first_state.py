@@ -3,8 +3,9 @@
 import numpy as np
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.bank_state import Memory
+from observer_fi.bank.bank_state import HypothesisState
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
+from observer_fi.physics import speed
 from observer_fi.records import Array
 
 START_ROWS, START_READINGS = (
@@ -14,7 +15,9 @@ START_ROWS, START_READINGS = (
 REST_VARIANCE = tr.REST_VARIANCE
 
 
-def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float) -> list[Memory]:
+def start(
+    hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float
+) -> list[HypothesisState]:
     """Each hypothesis before its first sample: at rest, or turning at the command, where the sensors say.
 
     z0: (3,) first finite reading of each channel (NaN where there is none). The integrator's prior at rest is the width
@@ -23,20 +26,29 @@ def start(hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0
     z, out = np.where(np.isfinite(z0), z0, 0.0), []
     for j, h in enumerate(hypotheses):
         model, n = h.model, len(h.states)
-        w = (z[0] - model["Rm"] * z[1]) / model["Km"] if command0 != 0.0 and model["Km"] else 0.0
+        w = speed(z, model.vector) if command0 != 0.0 and model["Km"] else 0.0
         band = model["A"] / (model["Km"] * model["Ki"]) if model["Km"] * model["Ki"] else 0.05
         x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
-        x[:3] = w, (z[1] / model["Ki"] if model["Ki"] else 0.0), z[2]
+        x[:3] = w, (z[1] / model["Ki"] if model["Ki"] else 0.0), z[2] / model["position_gain"]
         var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, (0.5 * band) ** 2, 10.0 * b.noise[2]
-        slow, bias = np.zeros(tr.SLOW), np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0])
-        slow[tr.LAGGED] = z[1]
+        slow, bias = (
+            tr.slow_at_rest(b.parameters[j]),
+            np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0]),
+        )
+        slow[tr.LAGGED], slow[tr.PHI] = z[1], _whole_turns(z[2], model["D"])
         out.append(
-            Memory(
+            HypothesisState(
                 x, np.diag(var), slow, bias, np.full(3, np.nan), np.zeros(3), np.full(3, np.nan), np.full(1, np.nan),
                 np.zeros(1),
             )
         )  # fmt: skip
     return out
+
+
+def _whole_turns(x: float, per_rad: float) -> float:
+    """Angle of a motor that is at x [m], in whole turns: a position does not tell less [rad]."""
+    turn = 2.0 * np.pi * per_rad
+    return 2.0 * np.pi * round(x / turn) if turn else 0.0
 
 
 def first_readings(z: Array) -> Array:

@@ -137,7 +137,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
     return BankArrays(
         size,
         np.array([tr.layout(h.kinds) for h in hypotheses]),
-        np.array([h.model.vector for h in hypotheses]),
+        np.array([tr.parameters_of(h.model) for h in hypotheses]),
         np.array([h.failed for h in hypotheses]),
         source,
         mean,

@@ -7,7 +7,7 @@ from the entry prior. Probabilities live in logs where they are compared. Hypoth
 import math
 
 from observer_fi.bank import transition as tr
-from observer_fi.numerics import above, exp, inlined, larger, nothing
+from observer_fi.numerics import exp, inlined, maximum, where_above, zeros_like
 
 NEGLIGIBLE = 1e-12  # mixing weight below which a hypothesis receives nothing from another
 UNREACHED = 1e-300  # least probability: a hypothesis that no rate leads to has no 0 / 0 when mixed
@@ -37,10 +37,10 @@ def _weigh(b, r, mu):
     for i in range(1, b.m):
         reached = reached + r.M[i] * mu[0, i]
     r.reached[0] = reached
-    per_reached, own, others = 1.0 / reached, nothing(reached), nothing(reached)
+    per_reached, own, others = 1.0 / reached, zeros_like(reached), zeros_like(reached)
     for i in range(b.m):
         weight = r.M[i] * mu[0, i] * per_reached
-        weight = above(weight, NEGLIGIBLE, weight, 0.0)
+        weight = where_above(weight, NEGLIGIBLE, weight, 0.0)
         r.weights[i] = weight
         own = own + r.itself[i] * weight
         others = others + (weight - r.itself[i] * weight)
@@ -51,17 +51,17 @@ def _weigh(b, r, mu):
 def _mix_common(b, r, from_x, from_P):
     """Means and covariances of the states that several hypotheses have. from_x, from_P: r.x and r.P as arrays of numbers."""
     for k in range(b.common):
-        mean, lacking, entry = nothing(r.entry_mean[k]), nothing(r.entry_mean[k]), r.entry_mean[k]
+        mean, lacking, entry = zeros_like(r.entry_mean[k]), zeros_like(r.entry_mean[k]), r.entry_mean[k]
         for i in range(len(b.wide)):
             mean = mean + r.weights[i] * (entry * b.lacks[i, k] + from_x[k, i] * (1.0 - b.lacks[i, k]))
             lacking = lacking + r.weights[i] * b.lacks[i, k]
-        mean = above(r.holds[k], 0.5, mean, entry)
+        mean = where_above(r.holds[k], 0.5, mean, entry)
         r.to_x[k] = mean
         for i in range(len(b.wide)):
             off = (entry * b.lacks[i, k] + from_x[k, i] * (1.0 - b.lacks[i, k])) - mean
             r.off[k, i], r.heavy[i] = off, r.weights[i] * off
         for q in range(k + 1):
-            total = nothing(mean)
+            total = zeros_like(mean)
             for i in range(len(b.wide)):
                 total = total + (r.weights[i] * from_P[q, k, i] + r.heavy[i] * r.off[q, i])
             r.to_P[q, k] = total * (r.holds[k] * r.holds[q])
@@ -85,8 +85,18 @@ def _mix_own(b, r, x, P, own, others):
 
 
 @inlined
+def _mix_carried(b, r, slow):
+    """What the means carry, as the means themselves. slow: r.slow as an array of numbers."""
+    for k in range(b.carried):
+        mean = zeros_like(r.weights[0])
+        for i in range(len(b.wide)):
+            mean = mean + r.weights[i] * slow[k, i]
+        r.slow[k] = mean
+
+
+@inlined
 def mix(b, tune, scr, r, state, dt, stopped):
-    """Moments of every hypothesis before the step, from the memory into r.to_x, r.to_P, and its biases in place.
+    """Moments of every hypothesis before the step, from the memory into r.to_x, r.to_P; its biases and r.slow in place.
 
     r: rows of memory, scratch and bank; r.reached gets the predicted mode probabilities. stopped: a move begins.
     """
@@ -94,6 +104,8 @@ def mix(b, tune, scr, r, state, dt, stopped):
     own, others = _weigh(b, r, state.mu)
     _mix_common(b, r, state.x, state.P)
     _mix_own(b, r, r.x, r.P, own, others)
+    if b.mixed:
+        _mix_carried(b, r, state.slow)
     if b.failing:
         mean = own * r.bias[0]
         off, left = r.bias[0] - mean, 1.0 - own
@@ -116,4 +128,4 @@ def posterior(b, state, scr, r):
     total = 0.0
     for j in range(b.m):
         total += state.mu[0, j]
-    r.mu[0] = larger(share * (1.0 / total), UNREACHED)
+    r.mu[0] = maximum(share * (1.0 / total), UNREACHED)

@@ -134,6 +134,9 @@ class CommandStream:
 LARGEST = 1e6  # a reading [V, A, m] or command [rad/s] beyond this is none
 LONGEST_S = 2.5e-3  # step that the integrator takes without missing a ring of the servo (22 Hz, 22 ms)
 MOST_MISSING = 40_000  # samples put into one gap: the last 100 s of it
+MISSING_PER_SAMPLE = (
+    4  # what each sample of a log allows its gaps in addition: what a log costs is bounded by its samples
+)
 
 
 @uncounted
@@ -179,6 +182,7 @@ class LogStream:
     def __init__(self) -> None:
         self.t, self.w, self.theta = np.nan, 0.0, 0.0
         self.longest = 0.0
+        self.allowance = MOST_MISSING  # samples that the next gap may get
 
     def take(self, log: Log) -> tuple[Log, NDArray[np.bool_]]:
         """The next chunk with gaps filled, n samples, and (n,) which of them are the log's own."""
@@ -193,10 +197,23 @@ class LogStream:
         filled = replace(log, z=z, w_cmd=w, pitch=theta)
         if gap > self.longest:
             before = np.append(first, log.t[:-1])
-            pieces = np.ceil((log.t - before) / self.longest - 1e-6).clip(1, MOST_MISSING).astype(np.int64)
+            wanted = np.ceil((log.t - before) / self.longest - 1e-6).clip(1, MOST_MISSING).astype(np.int64)
+            pieces = self._allowed(wanted)
             filled, own = self._filled(filled, before, pieces)
+        else:
+            self.allowance = min(self.allowance + MISSING_PER_SAMPLE * n, MOST_MISSING)
         self.t, self.w, self.theta = log.t[-1], w[-1], theta[-1]
         return filled, own
+
+    def _allowed(self, wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The samples for each interval, no more than what the gaps before have left: a log of gaps costs as one without."""
+        pieces, gaps, done = wanted.copy(), np.flatnonzero(wanted > 1), 0
+        for gap in gaps.tolist():
+            self.allowance = min(self.allowance + MISSING_PER_SAMPLE * (gap - done), MOST_MISSING)
+            pieces[gap] = min(int(wanted[gap]), self.allowance + 1)
+            self.allowance, done = self.allowance - int(pieces[gap]) + 1, gap
+        self.allowance = min(self.allowance + MISSING_PER_SAMPLE * (wanted.size - done), MOST_MISSING)
+        return pieces
 
     def _filled(self, log: Log, before: Array, pieces: NDArray[np.int64]) -> tuple[Log, NDArray[np.bool_]]:
         rows = np.repeat(np.arange(log.t.size), pieces)  # each sample with the missing ones before it

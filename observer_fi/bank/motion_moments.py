@@ -30,17 +30,7 @@ def onto(f, t):
 
 
 @inlined
-def with_source(total, weight, p, e):
-    """total + weight (P + e e'), a source of mixing with its mean e off."""
-    w0, w1, w2 = weight * e[0], weight * e[1], weight * e[2]
-    return (
-        total[0] + (weight * p[0] + w0 * e[0]), total[1] + (weight * p[1] + w0 * e[1]), total[2] + (weight * p[2] + w0 * e[2]),
-        total[3] + (weight * p[3] + w1 * e[1]), total[4] + (weight * p[4] + w1 * e[2]), total[5] + (weight * p[5] + w2 * e[2]),
-    )  # fmt: skip
-
-
-@inlined
-def shown(h, p):
+def P_times_h(h, p):
     """P h'."""
     h0, h1, h2 = h
     return (

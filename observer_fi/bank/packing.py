@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.numerics import MOST, Wide, aligned
+from observer_fi.numerics import MOST, Wide, aligned_copy
+from observer_fi.physics import equations
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
 
@@ -25,7 +26,9 @@ class BankRows(NamedTuple):
     holds (n, L) who has a state; lacks (L, common) 1 where a source has it not; itself (m, L) 1 for hypothesis i in row i;
     parameters (VECTOR_SIZE, L); entry_mean, entry_var, diffusion (n, L); own (n, L) constants that the first hypothesis does
     not have, strained whether there are any; failed (3, L) 1 for the channel a hypothesis does not believe, failing whether
-    there is one, failed_noise (1, L) its variance, else 0; sizes (1, L) number of states; rates (m, m) per second; noise (3,).
+    there is one, failed_noise (1, L) its variance, else 0; sizes (1, L) number of states; rates (m, m) per second; noise (3,);
+    slow_at_rest (carried, L) what a mean carries that begins (see `transition.py`), mixed whether hypotheses mix that; delays
+    (2,) of voltage and position sensor [s], delayed whether there is one.
     """
 
     m: int
@@ -51,6 +54,11 @@ class BankRows(NamedTuple):
     sizes: Array
     rates: Array
     noise: Array
+    carried: int
+    slow_at_rest: Array
+    mixed: bool
+    delays: Array
+    delayed: bool
 
 
 def find_places(hypotheses: tuple[Hypothesis, ...]) -> tuple[list[list[int]], int]:
@@ -94,12 +102,14 @@ def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
                 at[kind], has[kind, row] = to[kinds_of[j, kind]], 1.0
     rows = np.array([j if j < m else 0 for j in range(L)])
     failed = np.array([[1.0 if b.failed[j] == c else 0.0 for j in rows] for c in range(3)])
+    slow, delays = np.stack([tr.slow_at_rest(p) for p in b.parameters], axis=1), tr.delays(b.parameters[0])
     moving = [at[kind] for kind in (tr.AT_E, tr.AT_RATE) if at[kind] >= 0]
     return lined_up(BankRows(
         m, n, common, (0,) * L, where, at, has, np.unique(np.array(moving, dtype=np.int64)), holds,
         1.0 - holds[:common].T.copy(), np.array([(rows == i).astype(float) for i in range(m)]),
         b.parameters[rows].T.copy(), mean, var, diffusion, own, bool(own.any()), failed, bool(failed.any()),
-        (b.noise @ failed)[None], sizes, b.rates, b.noise,
+        (b.noise @ failed)[None], sizes, b.rates, b.noise, slow.shape[0], slow[:, rows],
+        bool(b.parameters[:, equations.EXTENDED].any()), delays, bool(delays.any()),
     ))  # fmt: skip
 
 
@@ -111,7 +121,7 @@ def lined_up(arrays: Any) -> Any:
 def _lined_up(part: Any) -> Any:
     if isinstance(part, tuple) and hasattr(part, "_fields"):
         return lined_up(part)
-    return aligned(part) if isinstance(part, np.ndarray) and part.dtype == float else part
+    return aligned_copy(part) if isinstance(part, np.ndarray) and part.dtype == float else part
 
 
 class Tuning(NamedTuple):

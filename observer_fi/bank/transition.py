@@ -1,33 +1,83 @@
 """One sample of one hypothesis: the mean a step on, its Jacobian, the channels it predicts.
 
-Both engines (`observers.py` on filterpy, `kernels.py` compiled) call these functions; nothing else knows how the
-states of a hypothesis enter the equations of `actuator.py`.
+Both engines (`filterpy_bank.py` and `compiled_bank.py`) call these functions; nothing else knows how the states of a
+hypothesis enter the plant of `physics/plant.py`.
 
-Functions of numbers take rows of them as well (`rows.py`): the hypotheses of a bank, or several logs, side by side. A state
-x, its parameters p, `base` without the factors in the state and slopes g are then arrays of rows.
+Functions of numbers take rows of them as well (`numerics/rows.py`): the hypotheses of a bank, or several logs, side by side.
+A state x, its parameters p, `base` without the factors in the state and slopes g are then arrays of rows.
 
 A state vector starts with w [rad/s], I [rad], x [m]; the rest is given by `kinds`, one code a state: D_STATE the
 indentation of a stop [m], TORQUE and RATE the free disturbances of "none of these" [N m, m/s], and
 SCALE + k a factor on parameter k of the equations, 1 in the mean.
 
-The trajectory of the mean carries slow states that have no variance (`slow`): motor angle phi [rad], resistance rise h,
-supply sag [V], lagged current c [A].
+The trajectory of the mean carries states that have no variance (`Carried`), in arrays `slow`.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.numerics import above, exp, inlined, log, nothing, seldom, signed, some, sqrt, uncounted
+from observer_fi.numerics import any_of_rare, exp, inlined, log, sqrt, where_above, zeros_like
+from observer_fi.physics import Model, linear, plant
 from observer_fi.physics import equations as a
+from observer_fi.records import Array
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
-PHI, H, SAG, LAGGED = range(4)
-SLOW = 4
 REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
 SIXTH = 1.0 / 6.0
-STOPS_WITHIN = 1e-9  # share of a step that is not worth integrating
+
+
+class Carried(NamedTuple):
+    """What the mean carries besides the states that a hypothesis estimates.
+
+    phi, c, h, sag, drift: see `plant.py`. low, high: least and most that the screw may be ahead of the mass in the play [m].
+    trail: how far the position sensor's lag is behind [m]; late_x [m], late_V [V]: what has not come through the delays.
+    """
+
+    phi: Array
+    c: Array
+    h: Array
+    sag: Array
+    drift: Array
+    low: Array
+    high: Array
+    trail: Array
+    late_x: Array
+    late_V: Array
+
+
+SLOW = len(Carried._fields)
+PHI, LAGGED, LOW, HIGH, LATE_X, LATE_V = (
+    Carried._fields.index(name) for name in ("phi", "c", "low", "high", "late_x", "late_V")
+)
+CELLS = 32  # a delay is told in as many parts
+
+
+def parameters_of(model: Model) -> Array:
+    """(VECTOR_SIZE,) what the equations take in a bank: the delay of a sampled servo is left to the doubt in its timing."""
+    p = model.vector
+    p[a.SERVO_DELAY] = 0.0
+    return p
+
+
+def slow_size(p: Array) -> int:
+    """Numbers that the mean of a model p carries: `Carried`, and the changes that are on their way through its delays."""
+    return SLOW + (2 * (CELLS + 2) if p[a.VOLTAGE_DELAY] > 0.0 or p[a.POSITION_DELAY] > 0.0 else 0)
+
+
+def slow_at_rest(p: Array) -> Array:
+    """(slow_size,) what a mean carries that begins: where in the play the screw is, nobody knows."""
+    slow = np.zeros(slow_size(p))
+    slow[LOW], slow[HIGH] = -0.5 * p[a.BACKLASH], 0.5 * p[a.BACKLASH]
+    return slow
+
+
+def delays(p: Array) -> Array:
+    """(2,) delays of the voltage and the position sensor [s]."""
+    return np.array([p[a.VOLTAGE_DELAY], p[a.POSITION_DELAY]])
+
 
 # A layout (LAYOUT,) says where in the state each kind stands: an index per kind, or -1. Beside it stands `has`
 # (LAYOUT,), 1.0 where there is such a state: in rows, hypotheses of other states may use the same place.
@@ -51,201 +101,120 @@ def layout(kinds: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def held(x, at, has, kind, otherwise):
+def state_or(x, at, has, kind, otherwise):
     """The state of this kind, `otherwise` where there is none."""
-    return above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
+    return where_above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
 
 
 @inlined
 def load_parameters(x, at, has, base, p):
     """Parameters into p (VECTOR_SIZE,): those of `base` that a state may stand for, times their factors."""
-    p[a.A] = base[a.A] * held(x, at, has, AT_A, 1.0)
-    p[a.B] = base[a.B] * held(x, at, has, AT_B, 1.0)
-    p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * held(x, at, has, AT_LOOSE, 1.0)
-    p[a.C] = base[a.C] * held(x, at, has, AT_C, 1.0)
-    p[a.E] = base[a.E] * held(x, at, has, AT_E, 1.0)
-    p[a.VMAX] = base[a.VMAX] * held(x, at, has, AT_SUPPLY, 1.0)
-    factor = held(x, at, has, AT_J, 1.0)
+    p[a.A] = base[a.A] * state_or(x, at, has, AT_A, 1.0)
+    p[a.B] = base[a.B] * state_or(x, at, has, AT_B, 1.0)
+    p[a.A_DECOUPLED] = base[a.A_DECOUPLED] * state_or(x, at, has, AT_LOOSE, 1.0)
+    p[a.C] = base[a.C] * state_or(x, at, has, AT_C, 1.0)
+    p[a.E] = base[a.E] * state_or(x, at, has, AT_E, 1.0)
+    p[a.VMAX] = base[a.VMAX] * state_or(x, at, has, AT_SUPPLY, 1.0)
+    factor = state_or(x, at, has, AT_J, 1.0)
     p[a.J] = base[a.J] * factor
-    p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor * held(x, at, has, AT_LOOSE_J, 1.0)
+    p[a.J_DECOUPLED] = base[a.J_DECOUPLED] * factor * state_or(x, at, has, AT_LOOSE_J, 1.0)
 
 
 @inlined
-def _commanded(w, I, c, w_cmd, p):
-    """Current that the servo asks for: equation 3, or the lagged current c where it lags [A]."""
-    i_cmd = a.command_current(w, I, w_cmd, p)
-    if seldom(p[a.EXTENDED]):
-        i_cmd = above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
-    return i_cmd
+def carried_in(slow):
+    """`Carried` of an array (SLOW or more,)."""
+    return Carried(slow[0], slow[1], slow[2], slow[3], slow[4], slow[5], slow[6], slow[7], slow[8], slow[9])
 
 
 @inlined
-def _current(w, I, c, h, sag, w_cmd, p):
-    return a.limited_current(_commanded(w, I, c, w_cmd, p), w, h, sag, p)
+def carry_into(slow, c):
+    """`Carried` into an array (SLOW or more,)."""
+    slow[0], slow[1], slow[2], slow[3], slow[4] = c.phi, c.c, c.h, c.sag, c.drift
+    slow[5], slow[6], slow[7], slow[8], slow[9] = c.low, c.high, c.trail, c.late_x, c.late_V
 
 
 @inlined
-def _rates(s, w, I, x, d, phi, h, sag, c, w_cmd, theta, torque, rate, p):
-    i = _current(w, I, c, h, sag, w_cmd, p)
-    load = a.applied_torque(s, w, x, d, phi, theta, p) + torque
-    dx = a.mass_speed(w, d, load, p) + rate
-    dI = w_cmd - w
-    if seldom(p[a.EXTENDED]):
-        dI = above(dI * I, 0.0, above(p[a.INTEGRATOR_LIMIT], abs(I), dI, 0.0), dI)
-    return a.acceleration(i, load, p), dI, dx
+def slow_of(c):
+    """The slow states of the plant in `Carried`."""
+    return plant.Slow(c.h, c.sag, c.drift)
 
 
 @inlined
-def _slide(s, w, I, x, d, phi, h, sag, c, t, c0, mean, theta, torque, rate, p):
-    """Midpoint rule over (w, I, x, d) with the sign of motion s held; `mean` is the mean command over the step.
+def advance(w, I, pos, d, torque, rate, c, t, now, interval, row, last, theta, p):
+    """Mean a sample later: w, I, x, d; `Carried`; 1 where the motor rests at the end, else 0; the share of the screw's travel
+    that the mass made.
 
-    At 0.7 ms and 22 Hz its error is 2e-4 of a step's change, far below the noise; docs/decisions has the comparison.
+    c: `Carried` before. t: time step [s], in as many steps as half of the columns of `interval` (rows, 2 steps): command at the
+    half-steps in its row `row`, `last` at the end [rad/s]. now: time at the end on the log's clock [s].
     """
-    on = above(abs(p[a.CONTACT]), 0.0, 1.0, 0.0)
-    half = 0.5 * t
-    w1, I1, x1 = _rates(s, w, I, x, d, phi, h, sag, c, c0, theta, torque, rate, p)
-    w2, I2, x2 = _rates(
-        s, w + half * w1, I + half * I1, x + half * x1, d + on * half * x1, phi + half * w, h, sag, c, mean,
-        theta, torque, rate, p,
+    steps, rests, grip = interval.shape[1] // 2, zeros_like(w), 1.0 + zeros_like(w)
+    m, slow, free = plant.Motion(w, I, pos, d, c.phi, c.c), slow_of(c), plant.Free(torque, rate)
+    step = t * (1.0 / steps)
+    for k in range(steps):
+        first, middle = interval[row, 2 * k], interval[row, 2 * k + 1]
+        end = interval[row, 2 * k + 2] if k + 1 < steps else last
+        mean = (first + 4.0 * middle + end) * SIXTH
+        u = plant.Command(first, mean, end, first, mean, end)
+        m, rests = plant.step(plant.midpoint, m, slow, step, u, theta, free, p)
+        if any_of_rare(p[a.EXTENDED]):
+            i = plant.motor_current(m.w, m.I, m.c, slow, end, zeros_like(w), 0.0, p)
+            slow = plant.settled(slow, i, step, now, p)
+    x, d1 = m.x, m.d
+    c = Carried(m.phi, m.c, slow.h, slow.sag, slow.drift, c.low, c.high, c.trail, c.late_x, c.late_V)
+    if any_of_rare(p[a.EXTENDED]):
+        c, x, grip = _behind_play(c, pos, x, t, p)
+        d1 = d + grip * (d1 - d)
+    return (m.w, m.I, x, d1), c, rests, grip
+
+
+@inlined
+def _behind_play(c, before, screw, t, p):
+    """`Carried` after the screw moved from `before` to `screw` in a time t; where the mass is then, and its share of the travel.
+
+    Where in the play the screw is may be unknown: the mass moves by the mean of the two extremes.
+    """
+    travel = screw - before
+    low, high, moved, grip = c.low, c.high, travel, 1.0 + zeros_like(travel)
+    if any_of_rare(p[a.BACKLASH]):
+        low, high = plant.in_play(c.low + travel, p), plant.in_play(c.high + travel, p)
+        moved = travel - 0.5 * ((low - c.low) + (high - c.high))
+        grip = where_above(abs(travel), 0.0, moved / where_above(abs(travel), 0.0, travel, 1.0), 1.0)
+    trail = c.trail
+    if any_of_rare(p[a.POSITION_LAG]):
+        lag = p[a.POSITION_LAG]
+        trail = where_above(lag, 0.0, plant.lag_behind(trail, moved, t, where_above(lag, 0.0, lag, 1.0)), 0.0)
+    after = Carried(c.phi, c.c, c.h, c.sag, c.drift, low, high, trail, c.late_x, c.late_V)
+    return after, before + moved, grip
+
+
+@inlined
+def play_doubt(before, after):
+    """Variance that a step adds to the position while the place of the screw in the play is unknown [m^2].
+
+    before, after: how far apart the extremes of that place are. What they lose in a step is one unknown share for all steps,
+    so that the doubts add up straight: hence twice the loss, not half.
+    """
+    change = 2.0 * (before - after)
+    return change * change
+
+
+@inlined
+def propagate(x, at, has, slow, t, now, interval, row, last, theta, p):
+    """As `advance`, with x (n,) and slow (SLOW or more,) overwritten: 1 where the motor rests at the end, share of the travel."""
+    (x[0], x[1], x[2], d), c, rests, grip = advance(
+        x[0], x[1], x[2], state_or(x, at, has, AT_D, 0.0), state_or(x, at, has, AT_TORQUE, 0.0), state_or(x, at, has,
+        AT_RATE, 0.0),
+        carried_in(slow), t, now, interval, row, last, theta, p,
     )  # fmt: skip
-    return w + t * w2, I + t * I2, x + t * x2, d + on * t * x2
-
-
-@inlined
-def _breakaway(I, x, d, phi, h, sag, c, w_cmd, theta, torque, p):
-    """Sign in which the drive overcomes friction at rest; 0 where friction holds."""
-    still = nothing(I)
-    push = (
-        p[a.KM] * _current(still, I, c, h, sag, w_cmd, p) - a.load_torque(still, x, d, phi, theta, p) - torque
-    )
-    hold, asymmetry = a.friction(still, x, theta, p), p[a.FRICTION_ASYMMETRY]
-    return above(push, asymmetry + hold, 1.0, above(asymmetry - hold, push, -1.0, still))
-
-
-@inlined
-def _advance_slow(w0, w, I, t, w_cmd, slow, p):
-    """Slow states (phi, h, sag, c) a step later."""
-    phi, h, sag, c = slow
-    phi = phi + 0.5 * t * (w0 + w)
-    if seldom(p[a.EXTENDED]):
-        i = _current(w, I, c, h, sag, w_cmd, p)
-        h = h + t * a.heating(i, h, p)
-        sag = sag + t * a.sagging(i, sag, p)
-        if seldom(p[a.CURRENT_LAG]):
-            goal = a.command_current(w, I, w_cmd, p)
-            lag = p[a.CURRENT_LAG]
-            c = above(lag, 0.0, goal + (c - goal) * exp(-t / above(lag, 0.0, lag, 1.0)), c)
-    return phi, h, sag, c
-
-
-@uncounted
-def _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
-    """One step with standstill or a change of direction in it: (w, I, x, d, 1 where the motor rests at its end, else 0).
-
-    A speed that passes zero is cut there, and the rest of the step goes on from standstill; `left` is what is still to go.
-    """
-    phi, h, sag, c = slow
-    resting, left = nothing(w), step + nothing(w)
-    for _ in range(3):
-        s = a.sign_of(w)
-        if some(1.0 - abs(s)):
-            s = above(abs(s), 0.0, s, _breakaway(I, pos, d, phi, h, sag, c, mean, theta, torque, p))
-            held = above(abs(s), 0.0, 0.0, left)
-            I, pos, resting = I + held * mean, pos + held * rate, above(held, 0.0, 1.0, resting)
-            left = left - held
-            if not some(left):
-                break
-        w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, left, c0, mean, theta, torque, rate, p)
-        back = -(w1 * s)
-        share = above(back, 0.0, above(abs(w), 0.0, w / (w - w1), 1.0), 1.0)
-        w, left = above(back, 0.0, 0.0, w1), above(back, 0.0, left * (1.0 - share), 0.0)
-        I, pos = above(back, 0.0, I + share * (I1 - I), I1), above(back, 0.0, pos + share * (x1 - pos), x1)
-        d, left = above(back, 0.0, d + share * (d1 - d), d1), above(left, STOPS_WITHIN * step, left, 0.0)
-        if not some(left):
-            break
-    return w, I, pos, d, resting
-
-
-@inlined
-def _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p):
-    """As `_stick`, and the shorter way where the motor keeps its direction."""
-    phi, h, sag, c = slow
-    s, resting = a.sign_of(w), nothing(w)
-    if seldom(1.0 - abs(s)):
-        return _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
-    w1, I1, x1, d1 = _slide(s, w, I, pos, d, phi, h, sag, c, step, c0, mean, theta, torque, rate, p)
-    if seldom(above(0.0, w1 * s, 1.0, 0.0)):
-        w1, I1, x1, d1, resting = _stick(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
-    return w1, I1, x1, d1, resting
-
-
-@inlined
-def advance(w, I, pos, d, torque, rate, slow, t, steps, interval, row, last, theta, p):
-    """Mean a sample later: (w, I, x, d), the slow states, and 1 where the motor rests at the end, else 0.
-
-    slow: (phi, h, sag, c). t: time step [s], in `steps` steps. interval (rows, 2 steps): command at the half-steps in its
-    row `row`, `last` at the end [rad/s].
-    """
-    step, resting = t * (1.0 / steps), nothing(w)
-    for m in range(steps):
-        c0, c1 = interval[row, 2 * m], interval[row, 2 * m + 1]
-        c2 = interval[row, 2 * m + 2] if m + 1 < steps else last
-        mean, w0 = (c0 + 4.0 * c1 + c2) * SIXTH, w
-        w, I, pos, d, resting = _stick_or_slide(w, I, pos, d, torque, rate, slow, step, c0, mean, theta, p)
-        slow = _advance_slow(w0, w, I, step, c2, slow, p)
-    return (w, I, pos, d), slow, resting
-
-
-@inlined
-def propagate(x, at, has, slow, t, interval, row, last, theta, p):
-    """As `advance`, with x (n,) and slow (SLOW,) overwritten. 1 where the motor rests at the end."""
-    d, torque, rate = (
-        held(x, at, has, AT_D, 0.0),
-        held(x, at, has, AT_TORQUE, 0.0),
-        held(x, at, has, AT_RATE, 0.0),
-    )
-    (x[0], x[1], x[2], d), (slow[PHI], slow[H], slow[SAG], slow[LAGGED]), resting = advance(
-        x[0], x[1], x[2], d, torque, rate, (slow[PHI], slow[H], slow[SAG], slow[LAGGED]), t, interval.shape[1] // 2,
-        interval, row, last, theta, p,
-    )  # fmt: skip
+    carry_into(slow, c)
     if at[AT_D] >= 0:
-        x[at[AT_D]] = above(has[AT_D], 0.5, d, x[at[AT_D]])
-    return resting
-
-
-@inlined
-def driven(i_cmd, w, h, sag, p):
-    """The current that a commanded one leads to, and its slopes by w, I and the limit of the supply."""
-    i = a.limited_current(i_cmd, w, h, sag, p)
-    by_w, by_I, by_V, short = -p[a.KP], p[a.KI], nothing(i), abs(i - i_cmd)
-    if seldom(short):
-        per_R = 1.0 / (p[a.RM] * (1.0 + h) + p[a.RS])
-        by_w, by_I = above(short, 0.0, -p[a.KM] * per_R, by_w), above(short, 0.0, 0.0, by_I)
-        by_V = above(short, 0.0, signed(per_R, i_cmd), by_V)
-    return i, by_w, by_I, by_V
-
-
-@inlined
-def motion_slopes(w, I, pos, d, phi, h, sag, w_cmd, theta, torque, p):
-    """What moves w, I and x: d(dw/dt) by w, I, x, d(dx/dt) by w; and current, its slope by the supply, load, 1 / J.
-
-    Friction keeps its sign; effects of the torque are differentiated numerically, everything else exactly.
-    """
-    s = above(w, 0.0, 1.0, -1.0)
-    i, di_dw, di_dI, di_dV = driven(a.command_current(w, I, w_cmd, p), w, h, sag, p)
-    per_J = 1.0 / a.inertia(p)
-    load = a.applied_torque(s, w, pos, d, phi, theta, p) + torque
-    by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, nothing(load)
-    if seldom(p[a.EXTENDED]):
-        dw, dp = 0.5, 1e-5
-        by_w -= (a.applied_torque(s, w + dw, pos, d, phi, theta, p) + torque - load) / dw * per_J
-        by_x -= (a.applied_torque(s, w, pos + dp, d, phi, theta, p) + torque - load) / dp * per_J
-    return by_w, by_I, by_x, a.mass_speed(1.0 + nothing(w), d, load, p), i, di_dV, load, per_J
+        x[at[AT_D]] = where_above(has[AT_D], 0.5, d, x[at[AT_D]])
+    return rests, grip
 
 
 @inlined
 def _set_slope(g, row, at, has, kind, slope):
-    g[row, at[kind]] = above(has[kind], 0.5, slope, g[row, at[kind]])
+    g[row, at[kind]] = where_above(has[kind], 0.5, slope, g[row, at[kind]])
 
 
 @inlined
@@ -254,7 +223,7 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
 
     p: parameters with the factors in x, base: without.
     """
-    s = above(w, 0.0, 1.0, -1.0)
+    s = where_above(w, 0.0, 1.0, -1.0)
     if at[AT_SUPPLY] >= 0:
         _set_slope(g, 0, at, has, AT_SUPPLY, p[a.KM] * di_dV * base[a.VMAX] * per_J)
     if at[AT_A] >= 0:
@@ -264,66 +233,78 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
     if at[AT_LOOSE] >= 0:
         _set_slope(g, 0, at, has, AT_LOOSE, -(1.0 - p[a.COUPLING]) * s * base[a.A_DECOUPLED] * per_J)
     if at[AT_J] >= 0:
-        _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / held(x, at, has, AT_J, 1.0))
+        _set_slope(g, 0, at, has, AT_J, -(p[a.KM] * i - load) * per_J / state_or(x, at, has, AT_J, 1.0))
     if at[AT_LOOSE_J] >= 0:
         slope = -(1.0 - p[a.COUPLING]) * (p[a.KM] * i - load) * per_J
-        _set_slope(g, 0, at, has, AT_LOOSE_J, slope / held(x, at, has, AT_LOOSE_J, 1.0))
+        _set_slope(g, 0, at, has, AT_LOOSE_J, slope / state_or(x, at, has, AT_LOOSE_J, 1.0))
     if at[AT_D] >= 0:
         _set_slope(g, 0, at, has, AT_D, -2.0 * p[a.C] * abs(d) * per_J)
     if at[AT_C] >= 0:
-        _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / held(x, at, has, AT_C, 1.0))
+        _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / state_or(x, at, has, AT_C, 1.0))
     if at[AT_E] >= 0:
         _set_slope(g, 1, at, has, AT_E, -p[a.COUPLING] * p[a.D] * w * base[a.E])
     if at[AT_TORQUE] >= 0:
         _set_slope(g, 0, at, has, AT_TORQUE, -per_J)
     if at[AT_RATE] >= 0:
-        _set_slope(g, 1, at, has, AT_RATE, 1.0 + nothing(w))
+        _set_slope(g, 1, at, has, AT_RATE, 1.0 + zeros_like(w))
 
 
 @inlined
-def motion_transition(by_w, by_I, by_x, by_d, x_by_w, t):
-    """Transition matrix of w, I, x, I + g t + (g t)^2 / 2: (F_ww, F_wI, F_wx, F_Iw, F_II, F_xw, F_xI); F_Ix = 0, F_xx = 1."""
-    half = 0.5 * t * t
-    return (
-        1.0 + t * by_w + half * (by_w * by_w + (by_x + by_d) * x_by_w - by_I),
-        t * by_I + half * by_w * by_I,
-        t * by_x + half * by_w * by_x,
-        half * by_w * -1.0 - t,
-        1.0 - half * by_I,
-        t * x_by_w + half * x_by_w * by_w,
-        half * x_by_w * by_I,
-    )
-
-
-@inlined
-def constant_transition(by_w, by_x, by_d, w_slope, x_slope, t):
-    """What a constant does to w in a step, from its slopes; numbers, or rows of them."""
-    half = 0.5 * t * t
-    return w_slope * (t + half * by_w) + x_slope * (half * (by_x + by_d))
-
-
-@inlined
-def readings(w, I, pos, h, sag, c, w_cmd, p, supply):
+def readings(w, I, pos, c, w_cmd, p, supply):
     """Predicted voltage, current, position, and their slopes: of V and i by w, I and the factor of the supply (`supply`
-    its voltage without that factor), of x by w and x.
+    its voltage without that factor), of x by x.
 
-    Equation 15 for the voltage, equation 6 for the current.
+    A sensor's lag or delay is what of the mean's own motion has not come through yet; the state's error has, long ago.
     """
-    i_cmd = _commanded(w, I, c, w_cmd, p)
-    i, di_dw, di_dI, di_dV = driven(i_cmd, w, h, sag, p)
-    di_dV *= supply
-    resistance = p[a.RM] * (1.0 + h)
-    V, shown_i, shown_x, gain, lag = a.terminal_voltage(i, w, h, p), i, pos, 1.0 + nothing(w), nothing(w)
-    if seldom(p[a.EXTENDED]):
-        free = nothing(w)
-        V += p[a.VOLTAGE_OFFSET]
-        shown_i, gain = a.current_reading(i, p), p[a.CURRENT_GAIN]
-        shown_x = a.position_reading(pos, a.mass_speed(w, free, free, p), p)
-        lag = (p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0 + free, free, free, p)
-    return (
-        V, shown_i, shown_x, resistance * di_dw + p[a.KM], resistance * di_dI, resistance * di_dV,
-        gain * di_dw, gain * di_dI, gain * di_dV, -lag, p[a.POSITION_GAIN],
-    )  # fmt: skip
+    (V, V_w, V_I, V_v), (i, i_w, i_I, i_v) = linear.electrical_readings(
+        w, I, c.c, slow_of(c), w_cmd, p, supply
+    )
+    seen = pos
+    if any_of_rare(p[a.EXTENDED]):
+        V, seen = V + p[a.VOLTAGE_OFFSET] - c.late_V, pos - c.trail - c.late_x
+    x, x_x = linear.sensed_position(seen, p)
+    return V, i, x, V_w, V_I, V_v, i_w, i_I, i_v, x_x
+
+
+@inlined
+def delay_readings(slow, delays, before, after, before_cmd, after_cmd, now, t, p):
+    """What of voltage and position has not come through the delays of their sensors, into slow, after a step of the mean.
+
+    slow: see `slow_size`; delays (2,) [s]; before, after: w, I, x and `Carried` of the mean, with the command [rad/s] at either
+    end of a step of t [s] that ends at `now`.
+    """
+    if delays[0] > 0.0:
+        change = _voltage(after, after_cmd, p) - _voltage(before, before_cmd, p)
+        slow[LATE_V] = _delayed(slow, SLOW, change, now, t, delays[0])
+    if delays[1] > 0.0:
+        change = (after[2] - after[3].trail) - (before[2] - before[3].trail)
+        slow[LATE_X] = _delayed(slow, SLOW + CELLS + 2, change, now, t, delays[1])
+
+
+@inlined
+def _voltage(mean, w_cmd, p):
+    w, I, _, c = mean
+    V, _ = linear.electrical_readings(w, I, c.c, slow_of(c), w_cmd, p, 1.0)
+    return V[0]
+
+
+@inlined
+def _delayed(cells, first, change, now, t, delay):
+    """How much a signal changed in the last `delay` [s], after it changed by `change` in the last t [s].
+
+    Cells of delay / CELLS on the log's clock hold the changes; they begin at cells[first], CELLS + 2 of them in turn.
+    """
+    size = delay / CELLS
+    start, end = (now - t) / size, now / size
+    last, total = int(math.floor(end)), zeros_like(change)
+    oldest = max(int(math.floor(start)), last - CELLS - 1)
+    for k in range(oldest, last + 1):
+        at, share = first + k % (CELLS + 2), (min(end, k + 1.0) - max(start, 1.0 * k)) / (end - start)
+        cells[at] = (cells[at] if start > k else zeros_like(change)) + share * change
+    until = end - CELLS
+    for k in range(int(math.floor(until)), last + 1):
+        total = total + min(1.0, k + 1.0 - until) * cells[first + k % (CELLS + 2)]
+    return total
 
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -342,8 +323,8 @@ def failed_channel(z, previous, y, spread, sigma, bias, variance, tuning):
     noise, repeat = S + wide * wide, narrow * narrow
     e, change = z - y - bias, z - previous
     by_S, by_noise, by_repeat = e * e / S, e * e / noise, change * change / repeat
-    least = above(by_S, by_noise, by_noise, by_S)
-    least = above(least, by_repeat, by_repeat, least)
+    least = where_above(by_S, by_noise, by_noise, by_S)
+    least = where_above(least, by_repeat, by_repeat, least)
     off = (1.0 - tuning[0] - tuning[2]) / sqrt(S) * exp(0.5 * (least - by_S))
     noisy = tuning[2] / sqrt(noise) * exp(0.5 * (least - by_noise))
     still = tuning[0] / narrow * exp(0.5 * (least - by_repeat))

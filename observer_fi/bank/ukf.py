@@ -10,7 +10,7 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
-from observer_fi.numerics import above, inlined, larger, log, nothing, side_by_side, sqrt
+from observer_fi.numerics import inlined, log, maximum, side_by_side, sqrt, where_above, zeros_like
 from observer_fi.physics import VMAX
 from observer_fi.records import Array
 
@@ -35,7 +35,7 @@ class UnscentedWork(NamedTuple):
     Pzz: Array
 
 
-def work_arrays(n: int, L: int) -> UnscentedWork:
+def unscented_work(n: int, L: int) -> UnscentedWork:
     """Work arrays for hypotheses of n places in rows of L numbers."""
     return UnscentedWork(
         np.zeros((n, n, L)), np.zeros((2 * n + 1, n, L)), np.zeros((2 * n + 1, 3, L)), np.zeros((3, L)), np.zeros((3, n, L)),
@@ -64,11 +64,11 @@ def factor(P, n, L):
             total = P[q, k]
             for r in range(q):
                 total = total - L[k, r] * L[q, r]
-            L[k, q], L[q, k] = total / L[q, q], nothing(total)
+            L[k, q], L[q, k] = total / L[q, q], zeros_like(total)
         total = P[k, k]
         for r in range(k):
             total = total - L[k, r] * L[k, r]
-        L[k, k] = sqrt(larger(larger(total, FLAT * P[k, k]), 1e-300))
+        L[k, k] = sqrt(maximum(maximum(total, FLAT * P[k, k]), 1e-300))
 
 
 @inlined
@@ -92,41 +92,44 @@ def _weights(r):
 
 
 @inlined
-def _move(b, r, x, slow, dt, interval, row, last, theta):
-    """One point x (n,) a sample later, in place; the slow states after it."""
+def _move(b, r, x, c, dt, now, interval, row, last, theta):
+    """One point x (n,) a sample later, in place; what it carries after it."""
     p = r.p
     if b.n > 3:
         tr.load_parameters(x, b.at, r.has, r.parameters, p)
     d, torque, rate = (
-        tr.held(x, b.at, r.has, tr.AT_D, 0.0), tr.held(x, b.at, r.has, tr.AT_TORQUE, 0.0),
-        tr.held(x, b.at, r.has, tr.AT_RATE, 0.0),
+        tr.state_or(x, b.at, r.has, tr.AT_D, 0.0), tr.state_or(x, b.at, r.has, tr.AT_TORQUE, 0.0),
+        tr.state_or(x, b.at, r.has, tr.AT_RATE, 0.0),
     )  # fmt: skip
-    (x[0], x[1], x[2], d), slow, _ = tr.advance(
-        x[0], x[1], x[2], d, torque, rate, slow, dt, interval.shape[1] // 2, interval, row, last, theta, p
+    (x[0], x[1], x[2], d), after, _, _ = tr.advance(
+        x[0], x[1], x[2], d, torque, rate, c, dt, now, interval, row, last, theta, p
     )
     if b.at[tr.AT_D] >= 0:
-        x[b.at[tr.AT_D]] = above(r.has[tr.AT_D], 0.5, d, x[b.at[tr.AT_D]])
-    return slow
+        x[b.at[tr.AT_D]] = where_above(r.has[tr.AT_D], 0.5, d, x[b.at[tr.AT_D]])
+    return after
 
 
 @inlined
-def predict(b, tune, r, u, from_x, from_P, dt, interval, row, last, theta):
+def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
     """Means and covariances a sample later, from from_x, from_P to r.x, r.P; r.slow in place, after the centre."""
     n, before = b.n, from_x[0]
     _sigma_points(b, r, u, from_x, from_P)
-    slow, moving = (r.slow[tr.PHI], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED]), nothing(before)
-    after = slow
+    I, x, c, moving = from_x[1], from_x[2], tr.carried_in(r.slow), zeros_like(before)
+    after = c
     for s in range(2 * n, -1, -1):
-        after = _move(b, r, u.points[s], slow, dt, interval, row, last, theta)
-        weighed = 1.0 + nothing(before) if s == 0 else r.holds[(s - 1) % n]
+        after = _move(b, r, u.points[s], c, dt, now, interval, row, last, theta)
+        weighed = 1.0 + zeros_like(before) if s == 0 else r.holds[(s - 1) % n]
         moving = moving + weighed * abs(u.points[s, 0])
-    r.slow[tr.PHI], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED] = after
+    tr.carry_into(r.slow, after)
+    if b.delayed:
+        centre = (u.points[0, 0], u.points[0, 1], u.points[0, 2], after)
+        tr.delay_readings(r.slow, b.delays, (before, I, x, c), centre, interval[row, 0], last, now, dt, r.p)
     of_mean, of_centre, weight = _weights(r)
     for k in range(n):
         mean = of_mean * u.points[0, k]
         for q in range(n):
             mean = mean + (weight * r.holds[q]) * (u.points[q + 1, k] + u.points[n + q + 1, k])
-        r.x[k] = above(r.holds[k], 0.5, mean, r.entry_mean[k])
+        r.x[k] = where_above(r.holds[k], 0.5, mean, r.entry_mean[k])
         for s in range(2 * n + 1):
             u.points[s, k] = u.points[s, k] - r.x[k]
     for k in range(n):
@@ -140,21 +143,23 @@ def predict(b, tune, r, u, from_x, from_P, dt, interval, row, last, theta):
             r.P[k, q] = total
         r.P[k, k] = r.P[k, k] + r.diffusion[k] * dt
     change = (r.x[0] - before) * (r.x[0] - before)
-    r.P[0, 0] = above(moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE)
+    r.P[0, 0] = where_above(moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE)
     r.P[1, 1] = r.P[1, 1] + tune.tick * tune.tick * change
+    r.P[2, 2] = r.P[2, 2] + tr.play_doubt(c.high - c.low, after.high - after.low)
 
 
 @inlined
 def _read(b, r, u, w_cmd):
     """Readings of all points, and their moments: r.y and u.expected, u.Pxz, u.Pzz; the points become distances."""
     n = b.n
+    c = tr.carried_in(r.slow)
     _sigma_points(b, r, u, r.x, r.P)
     for s in range(2 * n + 1):
         x = u.points[s]
         if n > 3:
             tr.load_parameters(x, b.at, r.has, r.parameters, r.p)
-        u.z[s, 0], u.z[s, 1], u.z[s, 2], _, _, _, _, _, _, _, _ = tr.readings(
-            x[0], x[1], x[2], r.slow[tr.H], r.slow[tr.SAG], r.slow[tr.LAGGED], w_cmd, r.p, r.parameters[VMAX]
+        u.z[s, 0], u.z[s, 1], u.z[s, 2], _, _, _, _, _, _, _ = tr.readings(
+            x[0], x[1], x[2], c, w_cmd, r.p, r.parameters[VMAX]
         )
     of_mean, of_centre, weight = _weights(r)
     for c in range(3):
@@ -208,7 +213,7 @@ def _channel(b, tune, r, u, c, z):
 def update(b, tune, r, u, z, row, previous, w_cmd):
     """As `update` of extended.py, by the unscented transform: one set of points, then one channel given those before it."""
     _read(b, r, u, w_cmd)
-    none = nothing(r.x[0])
+    none = zeros_like(r.x[0])
     r.product[0], nis, doubled = 1.0 + none, none, none
     for c in range(3):
         r.e[c] = none + np.nan

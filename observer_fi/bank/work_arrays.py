@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank.packing import BankRows, lined_up
-from observer_fi.bank.ukf import UnscentedWork, work_arrays
+from observer_fi.bank.ukf import UnscentedWork, unscented_work
 from observer_fi.numerics import inlined, side_by_side
 from observer_fi.records import Array
 
 
-class Scratch(NamedTuple):
+class WorkArrays(NamedTuple):
     """Work arrays of the loops, which allocate nothing, so that no reference is counted in them (that was 90 % of their time).
 
     to_x (n, L), to_P (n, n, L): the other side of mixing; off (common, L, L) a source's distance from the mixed mean, by state
@@ -46,16 +46,16 @@ class Scratch(NamedTuple):
     unscented: UnscentedWork
 
 
-def scratch(b: BankRows) -> Scratch:
+def work_arrays(b: BankRows) -> WorkArrays:
     """Work arrays for a bank."""
     m, n, c, L = b.m, b.n, b.common, len(b.wide)
     one = np.zeros((1, L))
-    made = Scratch(
+    made = WorkArrays(
         to_x=np.zeros((n, L)), to_P=np.zeros((n, n, L)), off=np.zeros((c, L, L)), heavy=np.zeros((L, L)),
         weights=np.zeros((L, L)), M=np.zeros((m, L)), chain=np.eye(m), square=np.zeros((3, m, m)), p=b.parameters,
         g=np.zeros((2, n, L)), into=np.zeros((2, n, L)), T=np.zeros((3, n, L)), w=np.zeros((n, L)), y=np.zeros((3, L)),
         e=np.zeros((3, L)), S=np.ones((3, L)), reached=one, density=one, product=one, strain=one, nis=one,
-        mixed=np.full(1, -1.0), unscented=work_arrays(n, L),
+        mixed=np.full(1, -1.0), unscented=unscented_work(n, L),
     )  # fmt: skip
     return lined_up(made)
 
@@ -100,6 +100,7 @@ class Rows(NamedTuple):
     failed: Array
     failed_noise: Array
     sizes: Array
+    slow_at_rest: Array
 
 
 @inlined
@@ -116,5 +117,5 @@ def rows_of(b, s, scr):
         side_by_side(scr.strain, L), side_by_side(scr.nis, L), side_by_side(b.has, L), side_by_side(b.holds, L),
         side_by_side(b.itself, L), side_by_side(b.parameters, L), side_by_side(b.entry_mean, L), side_by_side(b.entry_var, L),
         side_by_side(b.diffusion, L), side_by_side(b.own, L), side_by_side(b.failed, L), side_by_side(b.failed_noise, L),
-        side_by_side(b.sizes, L),
+        side_by_side(b.sizes, L), side_by_side(b.slow_at_rest, L),
     )  # fmt: skip

@@ -4,7 +4,6 @@ Start-up counts (a whole diagnosis has two seconds), so nothing heavy is importe
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -13,7 +12,15 @@ from observer_fi import __version__
 from observer_fi.cli import learning as cli_learning
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import verdicts as cli_verdicts
-from observer_fi.cli.options import OK, USAGE, Command, complain
+from observer_fi.cli.options import (
+    OK,
+    USAGE,
+    Command,
+    complain,
+    give_up_output,
+    tell_when_compiling,
+    writable_output,
+)
 from observer_fi.errors import InvalidLogError, UsageError
 
 
@@ -31,13 +38,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     args = _parser(next((word for word in words if not word.startswith("-")), "")).parse_args(words)
     try:
-        return int(args.run(args))
+        writable_output()
+        tell_when_compiling(args)
+        code = int(args.run(args))
+        sys.stdout.flush()
+        return code
     except (InvalidLogError, UsageError) as error:
         complain(str(error))
         return USAGE
     except BrokenPipeError:  # the reader of our output has gone: nothing to tell it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        give_up_output()
         return OK
+    except OSError as error:
+        if error.filename is not None:  # of files and folders commands tell themselves
+            raise
+        give_up_output()
+        complain(f"cannot read or write ({error}); look for a full disk or a closed output")
+        return USAGE
     except KeyboardInterrupt:
         return 130  # as a shell reports SIGINT
 

@@ -1,10 +1,16 @@
 """What the commands share: exit codes, options, progress, and how they speak."""
 
 import argparse
+import contextlib
+import io
+import math
+import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
+
+from observer_fi.errors import UsageError
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
 T = TypeVar("T")
@@ -51,6 +57,42 @@ def add_logs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="name of the output folder (the log's name)")
 
 
+def finite(text: str) -> float:
+    """The type of an option: a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"a finite number is needed, not {text[:40]!r}")
+    return value
+
+
+def seconds(text: str) -> float:
+    """The type of an option: a time of zero seconds or more, at most a year."""
+    value = finite(text)
+    if not 0.0 <= value <= 3.2e7:
+        raise argparse.ArgumentTypeError(f"seconds from 0 to a year are needed, not {text[:40]!r}")
+    return value
+
+
+def at_least(least: int, most: int = 10**9) -> Callable[[str], int]:
+    """The type of an option: a whole number from `least` to `most`."""
+
+    def whole(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f"a whole number from {least} to {most} is needed, not {text[:40]!r}"
+            )
+        return value
+
+    return whole
+
+
 def progress(items: Iterable[T], args: argparse.Namespace, total: int, unit: str) -> Iterable[T]:
     """`items` with a progress bar on standard error, on a terminal only."""
     if args.quiet or total < 2 or not sys.stderr.isatty():
@@ -67,35 +109,33 @@ def emit_json(value: Any) -> None:
     sys.stdout.write(json_text(value))
 
 
-def folder_names(logs: Sequence[str], name: str | None = None) -> tuple[dict[str, str], list[str]]:
-    """Output folder of every log, {path: name}, and what to tell about names that had to change.
+def taken(log: object, wanted: str, folder: Path) -> None:
+    """Says where a result is whose name another log has."""
+    if folder.name != wanted:
+        complain(f"{log}: the name {wanted} is taken, its report is under {folder.name}")
 
-    Two logs of one stem would overwrite each other's report: the later ones get their parent folder's name
-    in front, or a number.
-    """
-    from observer_fi.logs import log_name
 
-    taken: set[str] = set()
-    names: dict[str, str] = {}
-    notes = []
-    for path in dict.fromkeys(logs):
-        stem = name or log_name(path) or "log"
-        wanted, number = stem, 2
-        if wanted in taken:
-            wanted = f"{Path(path).resolve().parent.name}_{stem}"
-        while wanted in taken:
-            wanted = f"{stem}_{number}"
-            number += 1
-        if wanted != stem:
-            notes.append(f"{path}: the name {stem} is taken, its report is under {wanted}")
-        taken.add(wanted)
-        names[path] = wanted
-    return names, notes
+def writable_output() -> None:
+    """Standard output that takes any file name, and is there. Raises UsageError."""
+    if sys.stdout is None:
+        raise UsageError("standard output is closed; send it to a file or to /dev/null")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def give_up_output() -> None:
+    """Nobody takes what is still to be written: the interpreter's last flush must not fail or wait for it."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def complain(message: str) -> None:
-    """One line on standard error."""
-    print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
+    """One line on standard error, without what would steer a terminal."""
+    if sys.stderr is None:
+        return
+    message = "".join(c if c.isprintable() or c.isspace() else ascii(c)[1:-1] for c in message)
+    with contextlib.suppress(OSError):  # nobody to tell
+        print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
 
 
 def step(args: argparse.Namespace) -> Callable[[str], None]:
@@ -106,3 +146,12 @@ def step(args: argparse.Namespace) -> Callable[[str], None]:
             print(f"  {text}", file=sys.stderr, flush=True)
 
     return tell
+
+
+def tell_when_compiling(args: argparse.Namespace) -> None:
+    """Say on a terminal why the first run takes longer, before it does."""
+    tell = step(args)
+    if sys.stderr.isatty():
+        from observer_fi.numerics import when_compiling
+
+        when_compiling(lambda: tell("compiling the filters, once for this version: about half a minute"))

@@ -55,13 +55,17 @@ def simulate_arguments(parser: argparse.ArgumentParser) -> None:
 def run_simulate(args: argparse.Namespace) -> int:
     """A synthetic log, its truth beside it."""
     from observer_fi.physics import csv_bytes, load_rig, synthesise
-    from observer_fi.report import json_text, write_file
+    from observer_fi.report import Made, checked_name, json_text, write_beside
 
     rig, scenario = load_rig(args.rig), _scenario(args)
+    checked_name(args.name)
     log, truth = synthesise(scenario, rig, args.name)
     path = args.out / f"{args.name}.csv{'.gz' if args.gzip else ''}"
-    write_file(args.out / f"{args.name}.truth.json", json_text(truth.as_dict()))
-    write_file(path, csv_bytes(log, args.gzip))
+    files: dict[str, str | bytes] = {
+        f"{args.name}.truth.json": json_text(truth.as_dict()),
+        path.name: csv_bytes(log, args.gzip),
+    }
+    write_beside(args.out, Made(f"simulate {args.name}", {}), files)
     if args.json:
         emit_json({"log": str(path), **truth.as_dict()})
     elif not args.quiet:
@@ -110,7 +114,7 @@ def compare_arguments(parser: argparse.ArgumentParser) -> None:
 def run_compare(args: argparse.Namespace) -> int:
     """The bank against the open-loop mixture on drawn faults."""
     from observer_fi.physics import load_rig
-    from observer_fi.report import json_text, page, table, write_folder
+    from observer_fi.report import Made, json_text, page, table, write_result
     from observer_fi.settings import load_settings
     from observer_fi.verdict import comparison
 
@@ -119,9 +123,10 @@ def run_compare(args: argparse.Namespace) -> int:
         raise UsageError(f"--cases: at least one log, got {args.cases}")
     pairs = comparison.compare(args.cases, args.seed, rig, settings, args.engine, args.filter)
     result = comparison.as_dict(list(progress(pairs, args, args.cases, "log")), args.seed, rig)
-    write_folder(args.out / "compare", {"compare.json": json_text(result), "compare.html": page(result)})
+    files = {"compare.json": json_text(result), "compare.html": page(result)}
+    folder = write_result(args.out, "compare", Made("compare", {}), files)
     if args.json:
         emit_json(result)
     elif not args.quiet:
-        print(f"{table(result)}\n{args.out / 'compare' / 'compare.html'}")
+        print(f"{table(result)}\n{folder / 'compare.html'}")
     return OK

@@ -2,10 +2,12 @@
 
 import argparse
 import os
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 from observer_fi.cli.options import (
+    BUG,
     FAULT,
     OK,
     USAGE,
@@ -13,10 +15,13 @@ from observer_fi.cli.options import (
     add_engine,
     add_logs,
     add_rig,
+    at_least,
     complain,
     emit_json,
-    folder_names,
+    finite,
     progress,
+    seconds,
+    taken,
 )
 from observer_fi.errors import InvalidLogError, UsageError
 
@@ -28,7 +33,7 @@ def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     add_engine(parser)
     add_common(parser)
     parser.add_argument(
-        "--detected-at", type=float, metavar="T", help="detection time from outside, on the log's clock [s]"
+        "--detected-at", type=finite, metavar="T", help="detection time from outside, on the log's clock [s]"
     )
     parser.add_argument(
         "--fail-on-fault", action="store_true", help="exit with 3 if a verdict is not nominal"
@@ -40,47 +45,54 @@ def run_diagnose(args: argparse.Namespace) -> int:
     from observer_fi.logs import load_columns
     from observer_fi.physics import load_rig
     from observer_fi.report import diagnosis as report
+    from observer_fi.report import folder_name
     from observer_fi.settings import load_settings
     from observer_fi.verdict import diagnose
 
     rig, settings = load_rig(args.rig), load_settings(args.settings)
     columns = load_columns(args.columns) if args.columns else None
-    names, notes = folder_names(args.logs, args.name)
-    for note in notes:
-        complain(note)
-    shown: list[dict[str, Any]] = []
-    bad = faults = 0
-    for path, name in progress(names.items(), args, len(names), "log"):
-        try:
-            outcome = diagnose(
-                path,
-                rig,
-                settings,
-                engine=args.engine,
-                filter_kind=args.filter,
-                columns=columns,
-                detected_at=args.detected_at,
-            )
-            if outcome.error is not None:
-                raise InvalidLogError(outcome.error)
-        except InvalidLogError as error:
-            bad += 1
-            complain(str(error))
-            shown.append({"log": {"path": path}, "error": str(error)})
-            continue
-        result = report.report_dict(outcome)
-        report.write(outcome, rig, args.out / name)
-        faults += result["verdict"]["label"] != "nominal"
-        shown.append(result)
+    names = {path: folder_name(args.name, path) for path in dict.fromkeys(args.logs)}
+
+    def one(path: str) -> dict[str, Any]:
+        outcome = diagnose(
+            path, rig, settings, engine=args.engine, filter_kind=args.filter, columns=columns,
+            detected_at=args.detected_at,
+        )  # fmt: skip
+        if outcome.error is not None:
+            raise InvalidLogError(outcome.error)
+        folder = report.write(outcome, rig, args.out / names[path])
+        taken(path, names[path], folder)
         if not args.quiet and not args.json:
-            print(f"{name}: {report.headline(outcome)}  {args.out / name / 'report.html'}")
-    if args.json and (len(names) > 1 or not bad):
+            print(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
+        return report.report_dict(outcome)
+
+    shown = [_one_of(names, one, path) for path in progress(names, args, len(names), "log")]
+    errors = [result for result in shown if "error" in result]
+    if args.json and (len(names) > 1 or not errors):
         emit_json(shown if len(names) > 1 else shown[0])
-    if bad:
+    if errors:
         if len(names) > 1:
-            complain(f"{bad} of {len(names)} logs could not be read; the others are done")
-        return USAGE
-    return FAULT if faults and args.fail_on_fault else OK
+            complain(f"{len(errors)} of {len(names)} logs could not be read; the others are done")
+        return BUG if any(result.get("bug") for result in errors) else USAGE
+    faulty = any(result["verdict"]["label"] != "nominal" for result in shown)
+    return FAULT if faulty and args.fail_on_fault else OK
+
+
+def _one_of(logs: Collection[str], judge: Callable[[str], dict[str, Any]], path: str) -> dict[str, Any]:
+    """The result of one log, or what is wrong with it. What we did not foresee stops no other log, if there are others."""
+    try:
+        return judge(path)
+    except InvalidLogError as error:
+        complain(str(error))
+        return {"log": {"path": path}, "error": str(error)}
+    except (UsageError, BrokenPipeError):
+        raise
+    except Exception as error:
+        if len(logs) == 1:
+            raise
+        said = f"{path}: a bug of observer-fi, please report it ({type(error).__name__}: {error})"
+        complain(said)
+        return {"log": {"path": path}, "error": said, "bug": True}
 
 
 def watch_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,10 +100,10 @@ def watch_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--follow", type=Path, metavar="FILE", help="a growing file (standard input)")
     parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the columns")
     parser.add_argument(
-        "--every", type=int, default=0, metavar="N", help="the posterior of every Nth sample too"
+        "--every", type=at_least(0), default=0, metavar="N", help="the posterior of every Nth sample too"
     )
     parser.add_argument(
-        "--heartbeat", type=float, default=0.0, metavar="S", help="a line every S seconds, changed or not"
+        "--heartbeat", type=seconds, default=0.0, metavar="S", help="a line every S seconds, changed or not"
     )
     add_rig(parser)
     add_engine(parser)
@@ -112,7 +124,7 @@ def fleet_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of logs, searched to its depth")
     parser.add_argument("--pattern", default="*", metavar="GLOB", help="which file names (*)")
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 2, help="local processes (one a core)"
+        "--workers", type=at_least(1), default=os.cpu_count() or 2, help="local processes (one a core)"
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a running Dask cluster instead")
     parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the logs' columns")
@@ -129,21 +141,33 @@ def run_fleet(args: argparse.Namespace) -> int:
     from observer_fi.serve import fleet
     from observer_fi.settings import load_settings
 
-    if args.workers < 1:
-        raise UsageError(f"--workers: at least one, got {args.workers}")
     columns = {"columns": load_columns(args.columns)} if args.columns else {}
     rig, settings = load_rig(args.rig), load_settings(args.settings)
     job = fleet.Job(args.folder, args.out, rig, settings, args.engine, args.filter, **columns)
-    rows, todo = fleet.split(job, fleet.find_logs(job, args.pattern))
-    fresh = progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log")
-    rows += list(fresh)
-    fleet.write_summary(job, rows)
+    fleet.check_summary(job)
+    names = fleet.find_logs(job, args.pattern, complain)
+    rows, todo = fleet.split(job, names)
+    lost = ""
+    try:
+        for row in progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log"):
+            rows.append(row)
+    except fleet.LostClusterError as error:
+        lost = str(error)
     for problem in fleet.problems(rows):
         complain(problem)
+    if lost:
+        left = fleet.not_done(names, rows, lost)
+        rows += left
+        complain(
+            f"{lost}: {len(left)} of {len(names)} logs are not done; run the same command again to go on"
+        )
+    fleet.write_summary(job, rows + fleet.other_rows(job, names, args.pattern))
     if args.json:
         emit_json({"schema": "observer-fi/fleet/1", "read": len(todo), "logs": fleet.worst_first(rows)})
     elif not args.quiet:
         print(f"{fleet.headline(rows, len(todo))}\n{args.out / fleet.INDEX}")
+    if lost:
+        return BUG
     if any(row["status"] != "done" for row in rows):
         return USAGE
     faulty = any(row["label"] != "nominal" for row in rows)

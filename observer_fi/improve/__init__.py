@@ -1,40 +1,53 @@
 """What the simulation gets wrong: its name, the extended model, and what it gains on moves never fitted."""
 
-from observer_fi.improve.diagnosis_gain import Worth, worth
+from observer_fi.improve.calculated_force import CalculatedForce, calculated_force
+from observer_fi.improve.diagnosis_gain import DiagnosisGain, diagnosis_gain, measure_diagnosis_gain
 from observer_fi.improve.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, LOOKS_LIKE, WANTED_NATS
-from observer_fi.improve.improvement import Improvement, improve, refitted, to_json
-from observer_fi.improve.inverse_improvement import extended, findings, inverse_json, inverse_refit, judge
-from observer_fi.improve.inverse_ladder import Ladder, name_causes
-from observer_fi.improve.inverse_screening import Score
-from observer_fi.improve.inverse_vocabulary import Candidate
+from observer_fi.improve.improvement import (
+    FoundCause,
+    Improvement,
+    Value,
+    findings_of,
+    improve,
+    improvement_of,
+    refitted,
+    to_json,
+)
+from observer_fi.improve.ladder import name_causes
+from observer_fi.improve.problem import Ladder
 from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.smoothed_disturbance import DRAWN, BinnedDisturbance, Latent, free_equations
+from observer_fi.improve.smoothed_disturbance import (
+    DRAWN,
+    BinnedDisturbance,
+    SmoothedDisturbance,
+    free_equations,
+)
 from observer_fi.improve.unexplained import Smooth
 
 __all__ = [
     "BinnedDisturbance",
     "CLOSE_ALIKE",
     "CLOSE_SHARE",
-    "Candidate",
+    "CalculatedForce",
     "DRAWN",
+    "FoundCause",
     "Improvement",
     "LOOKS_LIKE",
+    "SmoothedDisturbance",
     "Ladder",
-    "Latent",
     "Residuals",
-    "Score",
     "Smooth",
+    "Value",
     "WANTED_NATS",
-    "Worth",
-    "extended",
-    "findings",
+    "DiagnosisGain",
+    "calculated_force",
+    "diagnosis_gain",
+    "findings_of",
     "free_equations",
     "improve",
-    "inverse_json",
-    "inverse_refit",
-    "judge",
+    "improvement_of",
     "name_causes",
     "refitted",
     "to_json",
-    "worth",
+    "measure_diagnosis_gain",
 ]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.logs import with_command
 from observer_fi.physics import OPEN_LOOP, Rig, synthesise
 from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
@@ -15,7 +16,7 @@ CASES = 24  # simulated logs: a third healthy, a third each fault, half of them 
 FAULTS = OPEN_LOOP[1:]
 
 
-class Worth(NamedTuple):
+class DiagnosisGain(NamedTuple):
     """`diagnose` with one rig.
 
     alarms of moves: measured moves that are not nominal. false_alarms of healthy, right of faults: simulated logs.
@@ -31,7 +32,22 @@ class Worth(NamedTuple):
     delay_s: dict[str, float]
 
 
-def worth(logs: Sequence[Log], plant: Rig, rig: Rig, settings: Settings, cases: int = CASES) -> Worth:
+def diagnosis_gain(
+    logs: Sequence[Log], given: Rig, extended: Rig
+) -> tuple[DiagnosisGain, DiagnosisGain] | None:
+    """`diagnose` with the rig as it was given, and with the extended one; None for a rig whose faults it cannot tell."""
+    if not given.driven.servo:
+        return None
+    commanded = [with_command(log, given.model) for log in logs]
+    before, after = (
+        measure_diagnosis_gain(commanded, extended, rig, Settings()) for rig in (given, extended)
+    )
+    return before, after
+
+
+def measure_diagnosis_gain(
+    logs: Sequence[Log], plant: Rig, rig: Rig, settings: Settings, cases: int = CASES
+) -> DiagnosisGain:
     """How `diagnose` does with `rig` on the measured logs, and on logs simulated from `plant`, the best model there is.
 
     Measured moves count as healthy, as those that a model is learned from should be.
@@ -44,7 +60,7 @@ def worth(logs: Sequence[Log], plant: Rig, rig: Rig, settings: Settings, cases: 
     healthy = [c for c in judged if c.truth == "nominal"]
     faults = [c for c in judged if c.truth != "nominal"]
     delays = {f: [c.delay_s for c in faults if c.truth == f and np.isfinite(c.delay_s)] for f in FAULTS}
-    return Worth(
+    return DiagnosisGain(
         sum(e.label != "nominal" for e in events),
         len(events),
         sum(not c.right for c in healthy),

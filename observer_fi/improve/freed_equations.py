@@ -21,7 +21,7 @@ from observer_fi.records import Array
 WANTED_NATS = 20.0  # of 12 logs without any effect (seeds 9000 to 9011) the most is 4
 CLOSE_SHARE = 0.02  # of the best gain: rivals that fall short by less are told with it
 CLOSE_ALIKE = 0.05  # the same for equations that are known to look like the first
-CLOSE_NATS = 6.0  # the same where gains are small, as in `naming.py`
+CLOSE_NATS = 6.0  # the same where gains are small, as in `ladder.py`
 # s: an error that stays for a good part of a move, and one that changes within a turn of the motor.
 MEMORIES = (1.0, 3e-3)
 _LEAST, _START, _MOST = -5.0, -2.0, 1.0  # decades of the reference sizes

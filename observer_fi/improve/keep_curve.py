@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer_fi.improve.ladder import held_out_residuals
+from observer_fi.improve.misfit import held_out_residuals
 from observer_fi.improve.unexplained import Smooth, regressors
 from observer_fi.learn import Experiment, FitResult, Free, fit, run
-from observer_fi.numerics import square
+from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import (
     ANGLES,
     FRAME,
@@ -38,14 +38,14 @@ class Kept:
     held_out: float
 
 
-def keep(experiment: Experiment, fitted: FitResult, terms: Sequence[Smooth]) -> Kept | None:
+def fit_kept_curve(experiment: Experiment, fitted: FitResult, terms: Sequence[Smooth]) -> Kept | None:
     """The first of the terms that can stand in the equations and helps, as a curve fitted with everything else."""
     for term in terms:
         if not is_possible(term.equation, term.regressor, term.directed):
             continue
-        before = square(held_out_residuals(experiment, fitted))
+        before = sum_of_squares(held_out_residuals(experiment, fitted))
         tried = [_with_curve(experiment, fitted, frame) for frame in _frames(experiment, fitted, term)]
-        after = [square(held_out_residuals(experiment, result)) for result in tried]
+        after = [sum_of_squares(held_out_residuals(experiment, result)) for result in tried]
         best = int(np.argmin(after))
         gain = 0.5 * (before - after[best])
         if gain > _HELD_OUT * (fitted.objective - tried[best].objective) > 0.0:

@@ -8,112 +8,111 @@ once per parameter.
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
+from observer_fi.improve.problem import Candidate
 from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals, run, scales
-from observer_fi.numerics import along, less, orthonormal, self_gram
-from observer_fi.physics import CAUSES, Cause, Model, Term, Variant, override
+from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows
+from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Cause, Coverage, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
 _SHAPE_STEP = 0.03  # relative step of a shape
+_STANDS_OUT = 5.0  # standard errors from which on a size would have been seen
 _REFIT_ITERATIONS = 10
 _REFIT_WORTH = 0.5  # nats: rivals differ by more, and the one that wins is fitted exactly
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One variant with its score. gain: nats that the linearised term gains; size: its linear estimate by name.
-
-    detectable: one standard error of each size beside the refit, for white residuals.
-    """
-
-    cause: Cause
-    variant: Variant
-    gain: float
-    size: dict[str, float]
-    detectable: dict[str, float]
-
-
-def start_values(variant: Variant, reach: dict[str, float]) -> dict[str, float]:
-    """Where a refit of this variant begins: shapes, fixed shapes, and limits just below what the log reached."""
-    values = dict(variant.fixed)
-    for term in variant.terms:
-        values[term.parameter] = _start(term, reach)
-    return values
-
-
-def _start(term: Term, reach: dict[str, float]) -> float:
-    return term.start * reach[term.parameter] if term.parameter in reach else term.start
-
-
-def reach_of(experiment: Experiment, model: Model, nuisance: Array) -> dict[str, float]:
-    """What the limits of the servo would have to undercut: the largest integral [rad] and acceleration [rad/s^2]."""
+def coverage_of(experiment: Experiment, model: Model, nuisance: Array) -> Coverage:
+    """What the moves cover, and what their simulation says of the servo and of the heat in the winding."""
     states, _ = run(experiment, model, nuisance)
-    return {"integrator_limit": float(np.abs(states[:, s.I]).max()), "accel_limit": experiment.accel}
+    x = experiment.z[experiment.weight[:, 2] > 0.0, 2]
+    low, high = (float(x.min()), float(x.max())) if x.size else (0.0, 1.0)
+    step = float(np.median(np.diff(experiment.t[experiment.rows(0)])))
+    length = step * experiment.t.size
+    heat = model["Rm"] * float(np.sum(states[:, s.CURRENT] ** 2)) * step
+    friction = max(model["A"], 1e-9)
+    return Coverage(
+        low,
+        high,
+        speed=float(np.abs(experiment.peak).max()),
+        pitch=max(float(np.abs(experiment.theta).max()), 1.0),
+        torque=friction,
+        current=friction / model["Km"],
+        resistance=model["Rm"],
+        heat=max(heat, 1e-6),
+        length_s=length,
+        step_s=step,
+        voltage_noise=float(experiment.noise[0]),
+        current_noise=float(experiment.noise[1]),
+        position_noise=float(experiment.noise[2]),
+        turn=2.0 * math.pi * model["D"],
+        lead=model["screw_lead"],
+        integral=float(np.abs(states[:, s.I]).max()),
+        acceleration=experiment.accel,
+    )
 
 
-def free_of(variant: Variant, reach: dict[str, float]) -> tuple[Free, ...]:
+def start_values(variant: Variant) -> dict[str, float]:
+    """Where a refit of this variant begins, fixed shapes included."""
+    return dict(variant.fixed) | {term.parameter: term.start for term in variant.terms}
+
+
+def free_of(variant: Variant) -> tuple[Free, ...]:
     """The free parameters of a variant, with steps from their starts."""
-    free = []
-    for term in variant.terms:
-        start = _start(term, reach)
-        if term.shape:
-            free.append(
-                Free(
-                    term.parameter,
-                    _SHAPE_STEP * abs(start) + 1e-5 * (start == 0.0),
-                    term.low,
-                    term.high,
-                    start,
-                    term.prior_std,
-                )
-            )
-        else:
-            neutral = term.neutral if math.isfinite(term.neutral) else start / 0.999
-            high = term.high if math.isfinite(term.neutral) else neutral
-            free.append(Free(term.parameter, abs(start - neutral), term.low, high))
-    return tuple(free)
+    return tuple(_free(term) for term in variant.terms)
 
 
-def columns_of(experiment: Experiment, fitted: FitResult, variant: Variant, reach: dict[str, float]) -> Array:
+def _free(term: Term) -> Free:
+    """A limit that clamps nothing where it is neutral starts just below what the moves reached."""
+    start = term.start
+    if term.shape:
+        step = _SHAPE_STEP * abs(start) + 1e-5 * (start == 0.0)
+        return Free(term.parameter, step, term.low, term.high, start, term.prior_std)
+    if math.isfinite(term.neutral):
+        return Free(term.parameter, abs(start - term.neutral), term.low, term.high)
+    reached = start / 0.999
+    return Free(term.parameter, abs(start - reached), term.low, reached)
+
+
+def columns_of(experiment: Experiment, fitted: FitResult, variant: Variant) -> Array:
     """(number of sizes, N, 3) change of the normalised readings for one start size of each term."""
-    shapes = {name: value for name, value in start_values(variant, reach).items() if _is_shape(variant, name)}
+    shapes = {name: value for name, value in start_values(variant).items() if name in variant.shapes}
     here = override(fitted.model, fitted.model.name, **shapes)
     parts = []
     for term in variant.sizes:
-        moved = override(here, here.name, **{term.parameter: _away(here[term.parameter], term, reach)})
+        moved = override(here, here.name, **{term.parameter: _away(here[term.parameter], term)})
         parts.append(fitted.residuals - residuals(experiment, moved, fitted.nuisance))
     return np.array(parts)
 
 
-def _is_shape(variant: Variant, name: str) -> bool:
-    return name in dict(variant.fixed) or any(t.shape and t.parameter == name for t in variant.terms)
-
-
-def _away(value: float, term: Term, reach: dict[str, float]) -> float:
+def _away(value: float, term: Term) -> float:
     """The parameter one start size away from where it is."""
-    start = _start(term, reach)
-    return start if not math.isfinite(term.neutral) else value + (start - term.neutral)
+    return value + (term.start - term.neutral) if math.isfinite(term.neutral) else term.start
 
 
 def screen(
-    experiment: Experiment, fitted: FitResult, causes: Sequence[str], reach: dict[str, float]
+    experiment: Experiment, fitted: FitResult, causes: Sequence[str], coverage: Coverage
 ) -> list[Candidate]:
     """Every variant of the causes, best score first; variants that the data cannot move are left out."""
-    pairs = [(CAUSES[name], variant) for name in causes for variant in CAUSES[name].variants]
+    pairs = [(CAUSES[name], v) for name in causes for v in CAUSES[name].variants(coverage, MOVES)]
     with ThreadPoolExecutor(2) as pool:
-        columns = list(pool.map(lambda pair: columns_of(experiment, fitted, pair[1], reach), pairs))
+        columns = list(pool.map(lambda pair: columns_of(experiment, fitted, pair[1]), pairs))
     base = Projector(experiment, fitted)
-    found = [
-        candidate
-        for (cause, variant), block in zip(pairs, columns, strict=True)
-        if (candidate := _score(base, cause, variant, block, reach)) is not None
-    ]
-    return sorted(found, key=lambda c: -c.gain)
+    scored = (_score(base, *pair, block) for pair, block in zip(pairs, columns, strict=True))
+    found = [candidate for candidate in scored if candidate is not None]
+    prices = [penalty(experiment, len(c.variant.terms), len(found)) for c in found]
+    priced = [replace(c, net=c.gain - price) for c, price in zip(found, prices, strict=True)]
+    return sorted(priced, key=lambda c: -c.gain)
+
+
+def penalty(experiment: Experiment, parameters: int, candidates: int) -> float:
+    """Extended BIC of one more candidate [nats]: k (ln n / 2 + ln candidates)."""
+    n = int((experiment.weight > 0.0).sum())
+    return parameters * 0.5 * math.log(n) + math.log(candidates)
 
 
 class Projector:
@@ -134,11 +133,11 @@ class Projector:
         pull = np.array([(f.prior - fitted.model[f.name]) / f.prior_std for f in free])
         self.basis = orthonormal(np.hstack([G, np.diag(prior)]))
         self.r = np.concatenate([self.r, pull])
-        less(self.r, along(self.basis, self.r), self.basis)
+        subtract_rows(self.r, matvec(self.basis, self.r), self.basis)
 
     def __call__(self, column: Array) -> Array:
         y = np.concatenate([self._clean(column), np.zeros(self.r.size - column.size)])
-        less(y, along(self.basis, y), self.basis)
+        subtract_rows(y, matvec(self.basis, y), self.basis)
         return y
 
     def _clean(self, column: Array) -> Array:
@@ -146,27 +145,24 @@ class Projector:
         for m, basis in enumerate(self._bases):
             rows = self.experiment.rows(m)
             y = out[3 * rows.start : 3 * rows.stop]
-            less(y, along(basis, y), basis)
+            subtract_rows(y, matvec(basis, y), basis)
         return out
 
 
-def _score(
-    base: Projector, cause: Cause, variant: Variant, block: Array, reach: dict[str, float]
-) -> Candidate | None:
+def _score(base: Projector, cause: Cause, variant: Variant, block: Array) -> Candidate | None:
     C = np.array([base(column) for column in block])
     H = self_gram(C)
     if not np.isfinite(H).all() or np.trace(H) < 1e-6:
         return None
-    gain, weights = _best_subset(H, along(C, base.r), variant.sizes)
+    gain, weights = _best_subset(H, matvec(C, base.r), variant.sizes)
     size, detectable = {}, {}
-    inverse = np.linalg.pinv(H)
-    for k, term in enumerate(variant.sizes):
-        start = _start(term, reach)
-        unit = start - term.neutral if math.isfinite(term.neutral) else start / 0.999 - start
-        origin = term.neutral if math.isfinite(term.neutral) else start
-        size[term.parameter] = origin + weights[k] * unit if math.isfinite(term.neutral) else start
-        detectable[term.parameter] = abs(unit) * math.sqrt(max(inverse[k, k], 0.0))
-    return Candidate(cause, variant, gain, size, detectable)
+    std = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H)), 0.0))
+    for term, weight, error in zip(variant.sizes, weights, std, strict=True):
+        limit = not math.isfinite(term.neutral)
+        unit = term.start / 0.999 - term.start if limit else term.start - term.neutral
+        size[term.parameter] = term.start if limit else term.neutral + weight * unit
+        detectable[term.parameter] = _STANDS_OUT * abs(unit) * float(error)
+    return Candidate(cause, variant, gain, -math.inf, size, detectable)
 
 
 def _best_subset(H: Array, g: Array, terms: tuple[Term, ...]) -> tuple[float, Array]:
@@ -188,26 +184,29 @@ def _allowed(term: Term, weight: float) -> bool:
     return weight >= 0.0 or (term.low < term.neutral < term.high and math.isfinite(term.neutral))
 
 
-def refit(
-    experiment: Experiment,
-    fitted: FitResult,
-    candidate: Candidate,
-    reach: dict[str, float],
-    exact: bool = False,
-) -> FitResult:
+def refit(experiment: Experiment, fitted: FitResult, candidate: Candidate, exact: bool = False) -> FitResult:
     """The fit with the candidate's parameters free as well, from its linear estimate.
 
     exact: every column anew in each iteration; otherwise those of the earlier fit are kept, which is faster.
     """
-    starts = start_values(candidate.variant, reach) | candidate.size
-    model = override(fitted.model, fitted.model.name, **_inside(candidate.variant, starts))
-    extra = free_of(candidate.variant, reach)
+    variant = candidate.variant
+    starts = start_values(variant) | candidate.size
+    model = override(fitted.model, fitted.model.name, **_inside(variant, starts))
+    extra = free_of(variant)
     names = {f.name for f in extra}
     free = (*(f for f in fitted.free if f.name not in names), *extra)
     if exact:
         return fit(experiment, model, free, fitted.nuisance, iterations=30)
     known = {f.name: column for f, column in zip(fitted.free, fitted.columns, strict=True)}
     return fit(experiment, model, free, fitted.nuisance, known, _REFIT_ITERATIONS, _REFIT_WORTH)
+
+
+def without(experiment: Experiment, fitted: FitResult, variant: Variant) -> FitResult:
+    """The fit with one form of a cause taken out again."""
+    neutral = {t.parameter: t.neutral for t in variant.terms}
+    neutral |= {name: PARAMETERS[name][1] or 0.0 for name, _ in variant.fixed}
+    free = tuple(f for f in fitted.free if f.name not in neutral)
+    return fit(experiment, override(fitted.model, fitted.model.name, **neutral), free, fitted.nuisance)
 
 
 def _inside(variant: Variant, values: dict[str, float]) -> dict[str, float]:

@@ -57,7 +57,7 @@ class BinnedDisturbance:
 
 
 @dataclass(frozen=True)
-class Latent:
+class SmoothedDisturbance:
     """One smoothed disturbance: mean and half of its 95 % band (N,), NaN in front of a move; t (N,) time along the moves [s]."""
 
     what: Disturbance
@@ -71,13 +71,13 @@ class Latent:
     def goes_with(self) -> tuple[str, ...]:
         """The regressors that explain it best, the best first; those that explain nearly as much with it."""
         most = max((c.share for c in self.curves.values()), default=0.0)
-        told = [name for name, c in self.curves.items() if c.share >= max(most - _AS_MUCH, _TOLD)]
-        return tuple(sorted(told, key=lambda name: -self.curves[name].share))
+        near_best = [name for name, c in self.curves.items() if c.share >= max(most - _AS_MUCH, _TOLD)]
+        return tuple(sorted(near_best, key=lambda name: -self.curves[name].share))
 
 
 def free_equations(
     experiment: Experiment, fitted: FitResult
-) -> tuple[tuple[FreedEquation, ...], tuple[Latent, ...]]:
+) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
     """Which equations the data want to free, the largest gain first; and what the best looks like, with torque, voltage, x."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     linear, series = linearised(experiment, fitted.model, states), series_of(experiment, fitted)
@@ -90,7 +90,7 @@ def free_equations(
 
     rows = freed_equations(experiment, fitted.model, freed, rms)
     return rows, tuple(
-        _latent(experiment, states, fitted.model["screw_lead"], linear, series, one)
+        _smoothed_one(experiment, states, fitted.model["screw_lead"], linear, series, one)
         for one in _to_draw(freed)
     )
 
@@ -103,9 +103,9 @@ def _to_draw(freed: list[Freed]) -> list[Freed]:
     return [f for f in (*first, *others) if f.gain >= WANTED_NATS]
 
 
-def _latent(
+def _smoothed_one(
     experiment: Experiment, states: Array, lead: float, linear: Linear, series: Series, freed: Freed
-) -> Latent:
+) -> SmoothedDisturbance:
     mean, std = smoothed(linear, series, freed.kind, freed.size, freed.memory)
     band = 1.96 * std
     w = states[:, s.W]
@@ -117,7 +117,7 @@ def _latent(
     )
     t = np.cumsum(np.where(series.begins > 0, np.median(series.since), series.since))
     shown = series.begins == 0  # a line must not lead from one move to the next
-    return Latent(
+    return SmoothedDisturbance(
         DISTURBANCES[freed.kind], freed.gain, t, np.where(shown, mean, np.nan), np.where(shown, band, np.nan), curves
     )  # fmt: skip
 

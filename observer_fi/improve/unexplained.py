@@ -5,6 +5,7 @@ three linear systems (free, saturated, at rest), so the response to every shape 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.improve.screening import Projector
-from observer_fi.learn import Experiment, FitResult, run, whitened
-from observer_fi.numerics import along, compiled, self_gram
+from observer_fi.learn import Experiment, FitResult, Motion, Solution, run, whitened
+from observer_fi.numerics import compiled, matvec, self_gram
+from observer_fi.physics import Rig
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -148,7 +150,7 @@ def _wave(experiment: Experiment, projector: Projector, fitted: FitResult, state
     for f in _FREQUENCIES:
         wave = _sine(f, experiment.t)
         columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
-        g = along(columns, projector.r[: columns.shape[1]])
+        g = matvec(columns, projector.r[: columns.shape[1]])
         gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
         if gain > best:
             best, at = gain, f
@@ -257,10 +259,10 @@ def _judge(
 ) -> Smooth:
     """Gain of a smooth term, in all and predicted for every move from the others."""
     C = np.array([projector(column) for column in columns])
-    size = np.sqrt([along(row[None], row)[0] for row in C])
+    size = np.sqrt([matvec(row[None], row)[0] for row in C])
     good = size > 1e-9 * max(float(size.max()), 1e-300)
     C = C[good] / size[good][:, None]
-    H, g = self_gram(C), along(C, projector.r)
+    H, g = self_gram(C), matvec(C, projector.r)
     ridge = _RIDGE * np.eye(g.size)
     weights = np.linalg.solve(H + ridge, g)
     gain = 0.5 * float(g @ weights)
@@ -268,7 +270,7 @@ def _judge(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         block = C[:, 3 * rows.start : 3 * rows.stop]
-        Hm, gm = self_gram(block), along(block, projector.r[3 * rows.start : 3 * rows.stop])
+        Hm, gm = self_gram(block), matvec(block, projector.r[3 * rows.start : 3 * rows.stop])
         other = np.linalg.lstsq(H - Hm + ridge, g - gm, rcond=1e-9)[0]
         held_out += float(gm @ other) - 0.5 * float(other @ Hm @ other)
     K = columns.shape[0]
@@ -350,3 +352,97 @@ def _stepped(
         np.abs(at) / math.sqrt(power),
         1,
     )
+
+
+# --- where the force is calculated from the motion -------------------------------------------------
+
+
+def follows(motions: Sequence[Motion], solution: Solution, rig: Rig, smallest: float) -> tuple[Smooth, ...]:
+    """What the residual still depends on, as a torque: every regressor that predicts a share of its variance.
+
+    Each part of the logs is predicted by the mean in classes of the regressor over the other parts, so that a share above zero
+    is no accident of the fit. smallest: share that is worth a line.
+    """
+    parts = [m.v[m.kept][m.use] for m in motions]
+    forward = np.concatenate(parts) > 0.0
+    log = np.repeat(np.arange(len(motions)), [part.size for part in parts])
+    found = []
+    for name, (values, directed) in motion_regressors(motions, rig).items():
+        own = forward if directed else log if name.endswith("_angle") else np.zeros(log.size)
+        classes = _classes(values, 12 if name == "direction" else 24) + 1000.0 * own
+        share = _predictable(solution.residual, classes, solution.part)
+        if np.ptp(values) > 0.0 and share >= smallest:
+            found.append(_followed(name, values, directed, forward, share, solution, rig.model["D"]))
+    return tuple(sorted(found, key=lambda term: -term.share))
+
+
+def motion_regressors(motions: Sequence[Motion], rig: Rig) -> dict[str, tuple[Array, bool]]:
+    """(N,) what a force may depend on at each fitted sample, and whether in each direction by itself.
+
+    direction: decades of the distance [m] since the last reversal. current: the commanded force [N]. Constant ones are left out.
+    """
+    D = rig.model["D"]
+    x, v, force, theta, since = (
+        np.concatenate([values(m)[m.kept][m.use] for m in motions])
+        for values in (
+            lambda m: m.x, lambda m: m.v, lambda m: m.force, lambda m: m.theta, _since_reversal,
+        )
+    )  # fmt: skip
+    found = {
+        "speed": (v / D, False),
+        "position": (x, True),
+        "direction": (np.log10(np.maximum(since, 1e-7)), True),
+        "shaft_angle": (np.mod(x / D, 2.0 * math.pi), False),
+        "current": (force, False),
+        "pitch": (theta, False),
+    }
+    if "screw_lead" in rig.quantities:
+        lead = rig.model["screw_lead"]
+        if abs(lead / (2.0 * math.pi * D) - 1.0) > 1e-6:
+            found["screw_angle"] = (np.mod(2.0 * math.pi * x / lead, 2.0 * math.pi), False)
+    return {name: (values, way) for name, (values, way) in found.items() if np.ptp(values) > 0.0}
+
+
+def _since_reversal(motion: Motion) -> Array:
+    """(n,) distance travelled since the direction last changed [m]."""
+    turned = np.flatnonzero(np.diff(np.sign(motion.v)) != 0.0) + 1
+    last = np.zeros(motion.v.size, dtype=np.int64)
+    last[turned] = turned
+    return np.abs(motion.x - motion.x[np.maximum.accumulate(last)])
+
+
+def _classes(values: Array, count: int) -> Array:
+    """Number of the class of each value, classes of equal size."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)[1:-1]))
+    return np.searchsorted(edges, values).astype(np.float64)
+
+
+def _predictable(residual: Array, classes: Array, part: Array) -> float:
+    """Share of the variance of each part that class means of the other parts predict."""
+    _, index = np.unique(classes, return_inverse=True)
+    predicted = np.zeros_like(residual)
+    for k in np.unique(part):
+        out = part == k
+        count = np.bincount(index[~out], minlength=index.max() + 1)
+        total = np.bincount(index[~out], residual[~out], minlength=index.max() + 1)
+        predicted[out] = (total / np.maximum(count, 1))[index[out]]
+    return 1.0 - float(np.sum((residual - predicted) ** 2) / np.sum(residual**2))
+
+
+def _followed(
+    name: str,
+    values: Array,
+    directed: bool,
+    forward: NDArray[np.bool_],
+    share: float,
+    solution: Solution,
+    D: float,
+) -> Smooth:
+    """A share as a curve of the torque [N m] over the regressor, against the direction of motion where it follows that."""
+    torque = D * solution.residual * (np.where(forward, 1.0, -1.0) if directed else 1.0)
+    k = _classes(values, 24).astype(np.int64)
+    count = np.maximum(np.bincount(k), 1)
+    mean, at = np.bincount(k, torque) / count, np.bincount(k, values) / count
+    spread = np.sqrt(np.bincount(k, (torque - mean[k]) ** 2) / count)
+    gain = -0.5 * values.size * math.log(max(1.0 - share, 1e-12))
+    return Smooth("torque", name, directed, gain, gain, share, at, mean, spread / np.sqrt(count), count.size)

@@ -1,24 +1,14 @@
 """A rig from its logs: section 3 of the paper, likelihoods of whole moves, inverse dynamics."""
 
-from observer_fi.learn.gauss_newton import (
-    FitResult,
-    Free,
-    fit,
-    inflation,
-    nll_per_sample,
-    nuisance_columns,
-    objective,
-    residuals,
-    scales,
-    whiteness,
-    without_moves,
-)
+from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
+from observer_fi.learn.gauss_newton import Free, objective, scales
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
-from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term
+from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term, term_of
 from observer_fi.learn.inverse_dynamics import (
     Solution,
     Structure,
+    check_force_rig,
     correlated,
     extended_rig,
     held_out,
@@ -42,8 +32,17 @@ from observer_fi.learn.linear import (
     linearised,
 )
 from observer_fi.learn.move_data import Experiment, prepare, run, select, unwhitened, whitened
+from observer_fi.learn.output_error import (
+    FitResult,
+    fit,
+    inflation,
+    nll_per_sample,
+    nuisance_columns,
+    residuals,
+    whiteness,
+    without_moves,
+)
 from observer_fi.learn.reversal_doubt import CAUGHT_A
-from observer_fi.learn.stops import find_stops, stops_of_travel
 from observer_fi.learn.unknown_servo import with_servo
 
 __all__ = [
@@ -69,6 +68,7 @@ __all__ = [
     "TORQUE",
     "Term",
     "WINDING",
+    "check_force_rig",
     "closed_loop",
     "correlated",
     "extended_rig",
@@ -97,6 +97,7 @@ __all__ = [
     "solve",
     "stops_of_travel",
     "structure_of",
+    "term_of",
     "tune",
     "unwhitened",
     "whitened",

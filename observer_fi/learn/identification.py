@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import section3 as cf
+from observer_fi.learn.contacts_and_losses import Breaks, find_breaks
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.integral_regression import identify_driven
 from observer_fi.learn.joint_likelihood import (
@@ -26,11 +27,8 @@ from observer_fi.learn.joint_likelihood import (
     profile_interval,
     residuals_of,
 )
-from observer_fi.learn.kinematic_breaks import Breaks, find_breaks
-from observer_fi.learn.move_data import cut_moves
-from observer_fi.logs import Phase, log_segments, phases, with_command
-from observer_fi.physics import CAUSES, PARAMETERS, Model, Rig, override, with_values
-from observer_fi.physics import equations as a
+from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
+from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, speed, with_values
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
@@ -78,12 +76,17 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
     """Parameters of `rig` from logs, with intervals, correlations and what could not be identified.
 
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
-    gains (`integral_regression.py`); drive 'force' is `inverse.py`'s.
+    gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
     """
     if not rig.driven.motor:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
+    if rig.driven.command is not None:
+        raise UsageError(
+            f'rig {rig.name!r} has drive = "{rig.drive}": identify fits moves whose commanded speed is a trapezoid; '
+            'with drive = "voltage" it learns motor and mechanics'
+        )
     if not rig.driven.servo:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
@@ -93,16 +96,16 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         raise InvalidLogError(
             f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"
         )
-    told = identifiable(material, parts, rig.model)
+    identified = identifiable(material, parts, rig.model)
     values = _start_values(material, start, rig)
     values = _onsets(parts, material, rig.model, values)
-    free = _free(material, values, told, rig)
+    free = _free(material, values, identified, rig)
     fitted = fit_parts(parts, rig.model, free, values)
-    weak = _weak(fitted, told)
+    weak = _weak(fitted, identified)
     if weak:
-        told = told - weak
-        fitted = fit_parts(parts, rig.model, _free(material, fitted.values, told, rig), fitted.values)
-    return _fit(parts, fitted, told, steps, rig)
+        identified = identified - weak
+        fitted = fit_parts(parts, rig.model, _free(material, fitted.values, identified, rig), fitted.values)
+    return _fit(parts, fitted, identified, steps, rig)
 
 
 def identified_rig(fit: Fit, rig: Rig) -> Rig:
@@ -124,27 +127,27 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 
 def _material(log: Log, rig: Rig) -> Material:
     log = with_command(log, rig.model)
-    moves = cut_moves(log)
+    moves = moves_from_rest(log)
     return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
 
 
 def identifiable(material: Sequence[Material], parts: Sequence[Part], model: Model) -> set[str]:
     """Names of the parameters that these logs can tell, judged by what was done, before any fit."""
     coupled = [m for k in material for m in _coupled(k)]
-    told = {*_TIMING, *MAKER} if coupled or parts else set()
+    identified = {*_TIMING, *MAKER} if coupled or parts else set()
     if coupled:
-        told |= {"J", "A", "Kp", "Ki"}
+        identified |= {"J", "A", "Kp", "Ki"}
         if np.ptp([m.pitch for m in coupled]) >= PITCH_SPAN:
-            told.add("B")
+            identified.add("B")
         if len({np.sign(m.peak) for m in coupled}) == 2:
-            told.add("torque_offset")
+            identified.add("torque_offset")
     if any(cf.saturated_starts(k.log, k.moves, model) for k in material):
-        told |= {"Rs", "Vmax"}
+        identified |= {"Rs", "Vmax"}
     if any(k.breaks.stop_high is not None or k.breaks.stop_low is not None for k in material):
-        told |= {"C", "E"}
+        identified |= {"C", "E"}
     if any(k.breaks.loss is not None for k in material):
-        told |= {"A_decoupled", "J_decoupled"}
-    return told
+        identified |= {"A_decoupled", "J_decoupled"}
+    return identified
 
 
 def _coupled(material: Material) -> list[Segment]:
@@ -283,21 +286,23 @@ def best_onset(part: Part, plant: Model, values: Mapping[str, float], rough: flo
 # --- what is free ---------------------------------------------------------------------------------
 
 
-def _free(material: Sequence[Material], values: Mapping[str, float], told: set[str], rig: Rig) -> list[Free]:
+def _free(
+    material: Sequence[Material], values: Mapping[str, float], identified: set[str], rig: Rig
+) -> list[Free]:
     """Free parameters with steps, bounds and priors; what the logs cannot tell keeps the rig's spread."""
     free = []
     for name in ("J", "A", "B", "Kp", "Ki", "Rs", "Vmax", "C", "E", "A_decoupled", "J_decoupled"):
         reference = rig.model[name]
         step = 1e-3 * abs(reference) * {"Vmax": 0.1, "Rs": 10.0}.get(name, 1.0)
         bounds = (0.05 * reference, 20.0 * reference if name != "E" else 0.99)
-        prior = math.inf if name in told else reference * (rig.spread(name) or DEFAULT_SPREAD)
+        prior = math.inf if name in identified else reference * (rig.spread(name) or DEFAULT_SPREAD)
         free.append(Free(name, step, *bounds, reference, prior))
     for name, relative in MAKER.items():
         reference = rig.model[name]
         std = reference * (rig.spread(name) or relative)
         free.append(Free(name, 1e-4 * reference, 0.5 * reference, 2.0 * reference, reference, std))
     free += TIMING
-    offset = math.inf if "torque_offset" in told else 0.02 * rig.model["A"]
+    offset = math.inf if "torque_offset" in identified else 0.02 * rig.model["A"]
     free.append(Free("torque_offset", 1e-3 * rig.model["A"], prior=0.0, prior_std=offset))
     free += [_effect(n, rig.model[n]) for n in rig.model.effects if n not in (*_TIMING, "torque_offset")]
     free += [Free(n, 2e-6) for n in values if n.startswith("x_stop")]
@@ -307,16 +312,14 @@ def _free(material: Sequence[Material], values: Mapping[str, float], told: set[s
 
 def _effect(name: str, value: float) -> Free:
     """An effect that the rig names: free within its physical bounds."""
-    terms = [t for cause in CAUSES.values() for v in cause.variants for t in v.terms if t.parameter == name]
-    low, high = (terms[0].low, terms[0].high) if terms else (-math.inf, math.inf)
-    return Free(name, 1e-2 * abs(value), low, high)
+    return Free(name, 1e-2 * abs(value), *bounds(name, value))
 
 
-def _weak(fitted: JointFit, told: set[str]) -> set[str]:
+def _weak(fitted: JointFit, identified: set[str]) -> set[str]:
     """Parameters without a prior whose standard error is too large to call them a value."""
     std = fitted.std
     return {
-        n for n in told
+        n for n in identified
         if n not in MAKER and n not in (*_TIMING, "torque_offset") and n in std and std[n] > CANNOT_TELL * abs(fitted.values[n])
     }  # fmt: skip
 
@@ -325,10 +328,10 @@ def _weak(fitted: JointFit, told: set[str]) -> set[str]:
 
 
 def _fit(
-    parts: Sequence[Part], fitted: JointFit, told: set[str], steps: Mapping[str, cf.Step], rig: Rig
+    parts: Sequence[Part], fitted: JointFit, identified: set[str], steps: Mapping[str, cf.Step], rig: Rig
 ) -> Fit:
     std = fitted.std
-    names = [f.name for f in fitted.free if _reported(f.name, told)]
+    names = [f.name for f in fitted.free if _reported(f.name, identified)]
     parameters = []
     for name in names:
         low, high = _interval(parts, fitted, name, rig.model)
@@ -371,24 +374,26 @@ def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) 
     return max(low, min(free.low, value)), min(high, max(free.high, value))
 
 
-def _reported(name: str, told: set[str]) -> bool:
+def _reported(name: str, identified: set[str]) -> bool:
     base = name.split("@")[0]
     if base in ("x_stop_high", "x_stop_low"):
-        return "C" in told or "E" in told
-    return base in told or base not in RECORD
+        return "C" in identified or "E" in identified
+    return base in identified or base not in RECORD
 
 
 def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     """Root mean square residual of current [A], position [m] and the speed of equation 16 [rad/s], of what was measured."""
-    p = fitted.plant.vector
     errors = []
     for part, r in zip(parts, fitted.residuals, strict=True):
         e = part.experiment
         single = (e.weight > 0.0) & (e.weight < 1.01 / e.noise)  # neither missing nor the mean of a rest
         errors.append(np.where(single, r, np.nan) / np.where(single, e.weight, 1.0))
     left = np.concatenate(errors)
-    speed = (left[:, 0] - p[a.RM] * left[:, 1]) / p[a.KM]
-    named = {"current_a": left[:, 1], "position_m": left[:, 2], "speed_rad_s": speed}
+    named = {
+        "current_a": left[:, 1],
+        "position_m": left[:, 2],
+        "speed_rad_s": speed(left, fitted.plant.vector),
+    }
     return {n: float(np.sqrt(np.nanmean(v**2))) for n, v in named.items() if np.isfinite(v).any()}
 
 
@@ -396,16 +401,12 @@ def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str,
     """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
     codes, residuals = [], []
     for one in fit.figures.get("fits", []):
-        log = logs[one["log"]]
-        phase_of = np.full(log.t.size, int(Phase.REST))
-        for move in log_segments(log):
-            phase_of[move.rest : move.end] = phases(move, log.t, log.w_cmd, log.z, model)
-        codes.append(phase_of[np.searchsorted(log.t, one["time"])])
+        log = with_command(logs[one["log"]], model)
+        codes.append(log_phases(log, model)[np.searchsorted(log.t, one["time"])])
         residuals.append(one["residual"])
     if not codes:
         return {}
-    code, r = np.concatenate(codes), np.concatenate(residuals)
-    return {p.name.lower(): np.mean(r[code == p] ** 2, axis=0) for p in Phase if (code == p).any()}
+    return mean_square_by_phase(np.concatenate(residuals), np.concatenate(codes))
 
 
 def figures(parts: Sequence[Part], fitted: JointFit, steps: Mapping[str, cf.Step]) -> dict[str, Any]:

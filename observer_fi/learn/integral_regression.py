@@ -13,11 +13,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.learn.kinematic_breaks import motor_angle
-from observer_fi.physics import PARAMETERS, Model, Rig
+from observer_fi.learn.contacts_and_losses import motor_angle
+from observer_fi.numerics import constant_runs, correlation_time, filled
+from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
 
 WINDOW_S = 0.25
@@ -28,6 +28,7 @@ CANNOT_TELL = 0.3
 MAKER = {"Km": 2e-3, "D": 1e-3}  # relative 1-sigma of what the maker states
 PITCH_SPAN = 2.0  # deg
 Z95 = 1.959964
+LONGEST = 2000  # samples over which residuals may be correlated
 _MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -72,7 +73,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    parameters, covariance = _told(names, values, covariance, rig)
+    parameters, covariance = _reported(names, values, covariance, rig)
     missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
     noise = (
         float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
@@ -89,16 +90,17 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 
 def windows_of(log: Log, model: Model) -> list[Window]:
     """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
-    w, sure = _speed(log, model)
+    w, smooth = _speed(log, model)
     sign = np.where(
-        np.abs(sure) > max(SLOWEST * float(np.nanmax(np.abs(sure), initial=0.0)), TURNS), np.sign(sure), 0.0
+        np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS),
+        np.sign(smooth),
+        0.0,
     )
     channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
     sign[~np.isfinite(channels).all(axis=1)] = 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate(([0.0], sign, [0.0]))))
     size = round(WINDOW_S * log.rate_hz)
     found = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in constant_runs(sign):
         if b - a < size // 2 or sign[a] == 0.0:
             continue
         for first in range(a, b - size // 2, size):
@@ -115,17 +117,11 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
     size = max(1, round(SMOOTH_S * log.rate_hz))
     kernel = np.ones(size) / size
     if np.isnan(log.z[:, 0]).all() or model["Rm"] == 0.0:
-        x = np.convolve(np.pad(_filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
+        x = np.convolve(np.pad(filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
         w = np.gradient(x, log.t) / model["D"]
         return w, np.convolve(w, kernel, "same")
-    w = _filled((log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"])
+    w = filled(speed(log.z, model.vector))
     return w, np.convolve(w, kernel, "same")
-
-
-def _filled(y: Array) -> Array:
-    bad = ~np.isfinite(y)
-    k = np.arange(y.size)
-    return np.interp(k, k[~bad], y[~bad]) if bad.any() and not bad.all() else y
 
 
 def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
@@ -239,7 +235,7 @@ def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
     x = inverse @ ((stacked / scale).T @ target)
     r = target - stacked / scale @ x
     variance = float(r @ r) / max(target.size - x.size - constants, 1)
-    covariance = inverse * variance * _time(r)
+    covariance = inverse * variance * correlation_time(r, min(LONGEST, r.size // 4))
     if len(G) >= _MANY * x.size:
         pulls = np.array([(g / scale).T @ (t - g / scale @ x) for g, t in zip(G, y, strict=True)])
         between = inverse @ (pulls.T @ pulls) @ inverse * len(G) / (len(G) - x.size)
@@ -248,31 +244,21 @@ def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
     return Solution(x / scale, covariance / np.outer(scale, scale), float(np.sqrt(variance)), target.size)
 
 
-def _time(r: Array) -> float:
-    """1 + 2 sum of the autocorrelation up to its first zero."""
-    n = r.size
-    spectrum = np.abs(np.fft.rfft(r, 2 * n)) ** 2
-    rho = np.fft.irfft(spectrum)[: min(2000, n // 4)]
-    rho = rho / max(rho[0], 1e-300)
-    below: NDArray[np.int64] = np.flatnonzero(rho < 2.0 / np.sqrt(n))
-    return float(1.0 + 2.0 * rho[1 : int(below[0]) if below.size else rho.size].sum())
-
-
-def _told(
+def _reported(
     names: Sequence[str], values: Array, covariance: Array, rig: Rig
 ) -> tuple[tuple[Parameter, ...], Array]:
     """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     small = ("torque_offset", "viscous_positive")
-    keep = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
+    sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
     found = tuple(
         Parameter(
             names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
             float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
         )
-        for k in keep
+        for k in sure
     )  # fmt: skip
-    return found, covariance[np.ix_(keep, keep)]
+    return found, covariance[np.ix_(sure, sure)]
 
 
 def _correlation(covariance: Array) -> Array:

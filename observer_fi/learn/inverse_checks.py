@@ -16,10 +16,8 @@ import numpy as np
 from observer_fi.learn.inverse_columns import TIMING, Sharing
 from observer_fi.learn.inverse_dynamics import Solution, weight
 from observer_fi.numerics import compiled
-from observer_fi.physics import NAMES, D, J, Rig, applied_torque
+from observer_fi.physics import NAMES, D, J, Rig, plant
 from observer_fi.records import Array, Log
-
-SIGN_LENGTH = 2e-6  # m over which the friction of a reversal builds up; far below what the logs resolve
 
 
 class Tuning(NamedTuple):
@@ -62,7 +60,7 @@ class Prediction:
         return float(np.sqrt(np.nanmean(self.ahead[start:-5] ** 2)))
 
 
-def plant(rig: Rig, solution: Solution, log: str) -> tuple[Array, float]:
+def fitted_plant(rig: Rig, solution: Solution, log: str) -> tuple[Array, float]:
     """Parameter vector of the fitted plant for a log, and how late its force acts beyond the hold of a sample [s]."""
     values = dict(zip(NAMES, rig.model.values, strict=True))
     moved = {name for c in solution.coefficients for name, _ in c.term.moves}
@@ -90,17 +88,12 @@ def advance(
     step: float,
     substeps: int,
 ) -> tuple[float, float, float]:
-    """One sample of the plant; `new` acts after `late` [s]. Semi-implicit Euler; s builds up over SIGN_LENGTH."""
+    """One sample of the plant; `new` acts after `late` [s]."""
     h = step / substeps
+    m = plant.Motion(v / p[D], 0.0, x, 0.0, x / p[D], 0.0)
     for k in range(substeps):
-        force = new if (k + 0.5) * h > late else old
-        torque = applied_torque(s, v / p[D], x, 0.0, x / p[D], theta, p)
-        v += h * (force * p[D] - torque) * p[D] / p[J]
-        moved = h * v
-        x += moved
-        sign = np.sign(moved)
-        s = sign + (s - sign) * math.exp(-abs(moved) / SIGN_LENGTH)
-    return x, v, s
+        s, m = plant.sampled_force(s, m, new if (k + 0.5) * h > late else old, h, theta, p)
+    return m.x, m.w * p[D], s
 
 
 @compiled
@@ -183,7 +176,7 @@ def closed_loop(
     rig: Rig, solution: Solution, log: Log, reference: Array, pulse: Array, servo: PositionServo
 ) -> tuple[Array, Array]:
     """Simulated positions (n,) m and commands (n,) V, from the reference (n,) m and added pulses (n,) V alone."""
-    p, late = plant(rig, solution, log.path)
+    p, late = fitted_plant(rig, solution, log.path)
     step, x = _step(log), log.z[:, 2]
     v = (x[3] - x[0]) / (3.0 * step)
     return run_closed_loop(p, reference, pulse, *servo, x[0], v, step, _beyond_hold(late, step))
@@ -191,7 +184,7 @@ def closed_loop(
 
 def predict(rig: Rig, solution: Solution, log: Log, tuning: Tuning, ahead: int = 1) -> Prediction:
     """The observer on a log."""
-    p, late = plant(rig, solution, log.path)
+    p, late = fitted_plant(rig, solution, log.path)
     step = _step(log)
     force = np.asarray(log.force)
     found = observe(p, log.z[:, 2], force, log.pitch, step, _beyond_hold(late, step), *tuning, ahead)

@@ -14,7 +14,8 @@ from scipy.signal import butter, cheby1, lfilter
 
 from observer_fi.learn.inverse_motion import Motion, low_passed, slope, zero_phase
 from observer_fi.numerics import compiled
-from observer_fi.physics import INDEX, PARAMETERS, Rig, applied_torque
+from observer_fi.physics import CAUSES, FORCE, INDEX, PARAMETERS, Coverage, Rig, applied_torque
+from observer_fi.physics import Term as Effect
 from observer_fi.records import Array
 
 T = TypeVar("T")
@@ -36,34 +37,29 @@ class Term(NamedTuple):
     sharing: Sharing = Sharing.COMMON
 
 
-def _plain(*parameters: str, sharing: Sharing = Sharing.COMMON) -> dict[str, Term]:
-    return {name: Term(name, ((name, 1.0),), sharing) for name in parameters}
+def term_of(effect: Effect) -> Term:
+    """The coefficient of an effect's size."""
+    moves = ((effect.parameter, 1.0), *effect.with_it)
+    name = "".join(
+        (effect.parameter, *(f"{'+' if share > 0.0 else '-'}{other}" for other, share in effect.with_it))
+    )
+    return Term(name, moves, Sharing.EACH if effect.per_log else Sharing.COMMON)
 
 
+_FORMS = [v for cause in CAUSES.values() for v in cause.variants(Coverage(lead=2.0), FORCE)]
+
+# Of force and clock, not of the motion: how late the force arrives, and how late the position is seen.
+TIMING = tuple(dict.fromkeys(t.parameter for v in _FORMS for t in v.sizes if t.unit == "s"))
+# Every size that a rig file may give, forms with fewer coefficients first; and how the friction of logs differs.
 TERMS: dict[str, Term] = {
-    **_plain("J", "A", "B"),
-    "viscous": Term("viscous", (("viscous_positive", 1.0), ("viscous_negative", 1.0))),
-    "viscous_asymmetry": Term("viscous_asymmetry", (("viscous_positive", 1.0), ("viscous_negative", -1.0))),
-    **_plain("torque_offset", "stribeck_torque", "load_friction", "friction_slope", "friction_curvature"),
-    **_plain("friction_bump", "gravity_quadratic", "gravity_cubic", "backlash", "slip_per_torque"),
-    # The zero of an angle is arbitrary from one log to the next, and so is the phase of what depends on it.
-    **_plain("shaft_ripple_sin", "shaft_ripple_cos", sharing=Sharing.EACH),
-    **_plain("screw_ripple_sin", "screw_ripple_cos", sharing=Sharing.EACH),
-    **_plain("position_sin", "position_cos", sharing=Sharing.EACH),
+    **{name: Term(name, ((name, 1.0),)) for name in ("J", "A", "B")},
+    **{t.name: t for v in _FORMS for t in map(term_of, v.sizes) if t.name not in TIMING},
     "level": Term("level", (("A", 1.0),), Sharing.CONTRAST),
 }
 
 # Which shapes a column depends on, by the parameter that it is the column of.
-_SHAPES_OF = {
-    "stribeck_torque": ("stribeck_speed",),
-    "friction_bump": ("bump_position", "bump_width"),
-    "shaft_ripple_sin": ("shaft_order",),
-    "shaft_ripple_cos": ("shaft_order",),
-    "screw_ripple_sin": ("screw_lead",),
-    "screw_ripple_cos": ("screw_lead",),
-    "position_sin": ("position_period",),
-    "position_cos": ("position_period",),
-}
+_SHAPES_OF = {t.parameter: v.shapes for v in _FORMS for t in v.sizes if v.shapes}
+FORMS = tuple(dict.fromkeys(name for v in _FORMS for name, _ in v.fixed))
 
 
 class Shape(NamedTuple):
@@ -75,16 +71,18 @@ class Shape(NamedTuple):
     relative: bool = False
 
 
+# Absolute steps are far above rounding and far below what any log resolves: 30 us, 10 um.
 SHAPES: dict[str, Shape] = {
-    "input_delay": Shape(0.0, 0.2, 3e-5),
-    "current_lag": Shape(0.0, 0.05, 3e-5),
-    "position_lag": Shape(0.0, 0.5, 3e-5),
-    "stribeck_speed": Shape(0.1, 1e4, 0.05, relative=True),
-    "bump_position": Shape(-10.0, 10.0, 1e-5),
-    "bump_width": Shape(1e-6, 10.0, 0.05, relative=True),
+    **{name: Shape(0.0, math.inf, 3e-5) for name in TIMING},
+    **{
+        t.parameter: Shape(0.0, math.inf, 0.05, relative=True)
+        if t.low > 0.0
+        else Shape(-math.inf, math.inf, 1e-5)
+        for v in _FORMS
+        for t in v.terms
+        if t.shape
+    },
 }
-FORMS = ("shaft_order", "screw_lead", "position_period")
-TIMING = ("input_delay", "current_lag", "position_lag")
 
 
 @compiled

@@ -1,6 +1,6 @@
 """The output-error likelihood of several logs at once, with coupling losses and a contact point per log.
 
-Every move is simulated open loop from the rest before it (`experiment.py`). A log may lose its coupling at a free
+Every move is simulated open loop from the rest before it (`move_data.py`). A log may lose its coupling at a free
 time; from there on the plant runs decoupled (equation 12). A parameter named "x_stop_high@2" belongs to the log with
 index 2 only; all others are shared. Gauss-Newton; two free numbers of every move, the current and the position of
 its rest, are projected out.
@@ -13,24 +13,33 @@ since where friction catches it lies between two ticks of the servo.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.learn.gauss_newton import Free, inflation
-from observer_fi.learn.kinematic_breaks import Breaks, speed_of
-from observer_fi.learn.move_data import Experiment, commands, cut_moves, prepare, run, simulate_each
-from observer_fi.numerics import along, gram, self_gram, square
+from observer_fi.learn.contacts_and_losses import Breaks, speed_of
+from observer_fi.learn.gauss_newton import (
+    NUISANCE_STEP,
+    Free,
+    Point,
+    covariance_of,
+    moved,
+    newton_step,
+    point_at,
+    project,
+    scales,
+    search,
+    stepped,
+)
+from observer_fi.learn.move_data import Experiment, commands, prepare, run, simulate_each
+from observer_fi.learn.output_error import inflation
+from observer_fi.logs import moves_from_rest
 from observer_fi.physics import Model, Rig, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Log, Segment
 
-_ITERATIONS = 30
-_HALVINGS = 8
-_DONE = 0.01  # nats that a step must gain to be worth another one
-_CONDITION = 1e-12
-_NUISANCE = np.array([1e-4, 1e-6])  # A, m: steps of the two free numbers of a move
 _STILL = 30.0  # rad/s: below this a stop is left out
 # s: doubt in the timing of a sampled servo that two delays leave, since saturation ends at a tick. Standard errors of
 # J and Ki on the independent truth (8 kHz) are a fifth too small without it.
@@ -58,8 +67,8 @@ class Part(NamedTuple):
 class JointFit:
     """values and covariance (k, k) of `free`; per part residuals (N, 3) (z - y) / std and nuisance (M, 2) A, m.
 
-    columns per part (k, N, 3) and around (2, N, 3): changes of the normalised readings for one step of a parameter, and
-    of the two numbers of a move. objective [nats].
+    columns (k, N, 3) and around (2, N, 3) over the rows of all parts: changes of the normalised readings for one step of a
+    parameter, and of the two numbers of a move. objective [nats].
     """
 
     values: dict[str, float]
@@ -69,8 +78,8 @@ class JointFit:
     nuisance: list[Array]
     objective: float
     inflation: float
-    columns: list[Array]
-    around: list[Array]
+    columns: Array
+    around: Array
     plant: Model
     converged: bool
 
@@ -82,7 +91,7 @@ class JointFit:
 
 def part_of(log: Log, rig: Rig, number: int, breaks: Breaks) -> Part | None:
     """A log ready to be fitted, or None where it holds no move that can be simulated from a rest."""
-    moves = [m for m in cut_moves(log) if not _has_gap(log, m)]
+    moves = [m for m in moves_from_rest(log) if not _has_gap(log, m)]
     try:
         experiment = prepare([log], rig, [moves])
     except ValueError:
@@ -116,25 +125,26 @@ def _still_from(log: Log, move: Segment, model: Model) -> int:
 
 def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:
     """The experiment with each rest as one weighted mean, and each stop without weight from its end row on."""
-    keep = np.zeros(experiment.t.size, dtype=bool)
+    used = np.zeros(experiment.t.size, dtype=bool)
     z, weight = experiment.z.copy(), experiment.weight.copy()
     for m, end in enumerate(ends):
         rows = experiment.rows(m)
         begin = rows.start + int(experiment.moving[m])
         last = min(rows.start + max(end - int(experiment.start[m]), 1), rows.stop)
-        keep[begin:last] = True
+        used[begin:last] = True
         squared = weight[rows.start : begin + 1] ** 2
         total = squared.sum(axis=0)
         z[begin] = (squared * z[rows.start : begin + 1]).sum(axis=0) / np.maximum(total, 1e-300)
         weight[begin] = np.sqrt(total)
-    sizes = [int(keep[experiment.rows(m)].sum()) for m in range(experiment.moves)]
+    sizes = [int(used[experiment.rows(m)].sum()) for m in range(experiment.moves)]
     return replace(
         experiment,
-        t=experiment.t[keep],
-        theta=experiment.theta[keep],
-        z=z[keep],
-        weight=weight[keep],
-        fine=experiment.fine[keep],
+        t=experiment.t[used],
+        theta=experiment.theta[used],
+        z=z[used],
+        weight=weight[used],
+        fine=experiment.fine[used],
+        phase=experiment.phase[used],
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
         start=experiment.start + experiment.moving,
         moving=np.zeros_like(experiment.moving),
@@ -183,6 +193,7 @@ def _refined(experiment: Experiment) -> Experiment:
         z=np.where(sample[:, None], experiment.z[origin], 0.0),
         weight=np.where(sample[:, None], experiment.weight[origin], 0.0),
         fine=experiment.fine[origin],
+        phase=experiment.phase[origin],
         bounds=np.append(first, origin.size)[np.append(experiment.bounds[:-1], experiment.t.size)],
     )
 
@@ -263,172 +274,108 @@ def residuals_of(part: Part, plant: Model, values: Mapping[str, float], nuisance
     return (part.experiment.z - predict(part, plant, values, nuisance)) * part.experiment.weight
 
 
-def fit_parts(
-    parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
-) -> JointFit:
-    """Gauss-Newton with step halving from `values` on; a parameter at its bound stays there."""
-    free, values = tuple(free), dict(values)
-    nuisance = [np.zeros((p.experiment.moves, 2)) for p in parts]
-    r = _all_residuals(parts, plant, values, nuisance)
-    cost, converged = _objective(values, free, r), False
-    for _ in range(_ITERATIONS):
-        _, _, H, g, pulls, follows = _linearised(parts, plant, free, values, nuisance, r)
-        step = _newton(free, values, H, g)
-        trial = None
-        for halving in range(_HALVINGS):
-            trial = _moved(parts, plant, free, values, nuisance, 0.5**halving * step, pulls, follows)
-            if trial[3] < cost:
-                break
-        else:
-            converged = True
-            break
-        gain = cost - trial[3]
-        values, nuisance, r, cost = trial
-        if gain < _DONE:
-            converged = True
-            break
-    columns, around, H, _, _, _ = _linearised(parts, plant, free, values, nuisance, r)
-    factor = max(inflation(p.experiment, e) for p, e in zip(parts, r, strict=True))
-    covariance = _inverse(H, free) * factor
-    return JointFit(values, free, covariance, r, nuisance, cost, factor, columns, around, plant, converged)
+@dataclass(frozen=True)
+class _Joint:
+    """The problem that `fit_parts` solves (`gauss_newton.Problem`): the moves of all parts, one part behind the other."""
 
+    parts: Sequence[Part]
+    plant: Model
+    free: tuple[Free, ...]
 
-def _all_residuals(
-    parts: Sequence[Part], plant: Model, values: Mapping[str, float], nuisance: Sequence[Array]
-) -> list[Array]:
-    return [residuals_of(p, plant, values, n) for p, n in zip(parts, nuisance, strict=True)]
+    @cached_property
+    def rows(self) -> list[slice]:
+        """Rows of the residuals that belong to each part."""
+        ends = np.cumsum([0, *(p.experiment.t.size for p in self.parts)]).tolist()
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
+    @cached_property
+    def moves(self) -> list[slice]:
+        """Moves that belong to each part."""
+        ends = np.cumsum([0, *(p.experiment.moves for p in self.parts)]).tolist()
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
-def _objective(values: Mapping[str, float], free: Sequence[Free], r: Sequence[Array]) -> float:
-    """Half the sum of squares, priors included [nats]."""
-    total = sum(0.5 * square(e) for e in r)
-    if not math.isfinite(total):
-        return math.inf
-    return total + 0.5 * sum(((values[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
+    @cached_property
+    def bounds(self) -> NDArray[np.int64]:
+        shifted = [
+            rows.start + p.experiment.bounds[1:] for rows, p in zip(self.rows, self.parts, strict=True)
+        ]
+        return np.concatenate([[0], *shifted]).astype(np.int64)
+
+    @cached_property
+    def nuisance_std(self) -> Array:
+        """No prior: the mean of a rest is a sample of its own (`_trimmed`)."""
+        return np.full((self.bounds.size - 1, 2), np.inf)
+
+    def residuals(self, values: Mapping[str, float], nuisance: Array) -> Array:
+        return np.concatenate([
+            residuals_of(p, self.plant, values, nuisance[moves])
+            for p, moves in zip(self.parts, self.moves, strict=True)
+        ])  # fmt: skip
+
+    def columns(self, point: Point) -> tuple[Array, Array]:
+        columns = np.zeros((len(self.free), *point.residuals.shape))
+        around = np.zeros((2, *point.residuals.shape))
+        for part, rows, moves in zip(self.parts, self.rows, self.moves, strict=True):
+            self._fill(
+                part,
+                point.values,
+                point.nuisance[moves],
+                point.residuals[rows],
+                columns[:, rows],
+                around[:, rows],
+            )
+        return columns, around
+
+    def _fill(
+        self,
+        part: Part,
+        values: Mapping[str, float],
+        nuisance: Array,
+        r: Array,
+        columns: Array,
+        around: Array,
+    ) -> None:
+        """Columns (k, n, 3) and (2, n, 3) of one part, in place; a parameter that it does not know leaves zeros."""
+        known = [j for j, f in enumerate(self.free) if _touches(f.name, part)]
+        step = [f.step if values[f.name] + f.step <= f.high else -f.step for f in self.free]
+        there = [
+            ({**values, self.free[j].name: values[self.free[j].name] + step[j]}, nuisance) for j in known
+        ]
+        off = [(values, nuisance + by) for by in np.diag(NUISANCE_STEP)]
+        readings = _predict_each(part, self.plant, there + off)
+        changes = [r - (part.experiment.z - y) * part.experiment.weight for y in readings]
+        for j, change in zip(known, changes, strict=False):
+            columns[j] = change * (self.free[j].step / step[j])
+        around[:] = changes[len(known) :]
 
 
 def _touches(name: str, part: Part) -> bool:
     return name not in part.silent and ("@" not in name or name.endswith(f"@{part.number}"))
 
 
-def _columns(
-    part: Part, plant: Model, free: Sequence[Free], values: Mapping[str, float], nuisance: Array, r: Array
-) -> tuple[Array, Array]:
-    """(k, N, 3) and (2, N, 3): change of the normalised readings for one step of each parameter and nuisance."""
-    columns = np.zeros((len(free), *r.shape))
-    touched = [(j, f, f.step if values[f.name] + f.step <= f.high else -f.step) for j, f in enumerate(free)
-               if _touches(f.name, part)]  # fmt: skip
-    there = [({**values, f.name: values[f.name] + step}, nuisance) for _, f, step in touched]
-    off = [(values, nuisance + row) for row in np.diag(_NUISANCE)]
-    changes = [
-        r - (part.experiment.z - y) * part.experiment.weight for y in _predict_each(part, plant, there + off)
-    ]
-    for (j, f, step), change in zip(touched, changes, strict=False):
-        columns[j] = change * (f.step / step)
-    return columns, np.array(changes[len(touched) :])
-
-
-def _linearised(
-    parts: Sequence[Part],
-    plant: Model,
-    free: Sequence[Free],
-    values: Mapping[str, float],
-    nuisance: Sequence[Array],
-    r: Sequence[Array],
-) -> tuple[list[Array], list[Array], Array, Array, list[Array], list[Array]]:
-    """Columns and nuisance columns per part, the normal equations without priors, and how the nuisances follow."""
-    k = len(free)
-    H, g = np.zeros((k, k)), np.zeros(k)
-    all_columns, all_around, pulls, follows = [], [], [], []
-    for part, n, e in zip(parts, nuisance, r, strict=True):
-        columns, around = _columns(part, plant, free, values, n, e)
-        part_H, part_g, pull, follow = _projected(part.experiment, columns, around, e)
-        H += part_H
-        g += part_g
-        all_columns.append(columns)
-        all_around.append(around)
-        pulls.append(pull)
-        follows.append(follow)
-    return all_columns, all_around, H, g, pulls, follows
-
-
-def _projected(e: Experiment, columns: Array, around: Array, r: Array) -> tuple[Array, Array, Array, Array]:
-    """Normal equations H (k, k), g (k,) with the two numbers of every move projected out, and how these follow.
-
-    pull (M, 2) of the residual on the two numbers, follow (M, 2, k) of each parameter's step, in units of the steps.
-    """
-    k = columns.shape[0]
-    H, g = np.zeros((k, k)), np.zeros(k)
-    pull, follow = np.empty((e.moves, 2)), np.empty((e.moves, 2, k))
-    for m in range(e.moves):
-        rows = e.rows(m)
-        G, N, residual = columns[:, rows].reshape(k, -1), around[:, rows].reshape(2, -1), r[rows].ravel()
-        block = np.linalg.pinv(self_gram(N), rcond=_CONDITION)
-        cross = gram(N, G)
-        pull[m], follow[m] = block @ along(N, residual), block @ cross
-        H += self_gram(G) - cross.T @ follow[m]
-        g += along(G, residual) - cross.T @ pull[m]
-    return H, g, pull, follow
-
-
-def _prior(free: Sequence[Free]) -> Array:
-    return np.array([(f.step / f.prior_std) ** 2 for f in free])
-
-
-def _newton(free: Sequence[Free], values: Mapping[str, float], H: Array, g: Array) -> Array:
-    """(k,) step in units of the parameters' steps; a parameter that would leave its bounds is held."""
-    weight = _prior(free)
-    at = np.array([values[f.name] for f in free])
-    unit = np.array([f.step for f in free])
-    g = g + weight * np.array([f.prior - v for f, v in zip(free, at, strict=True)]) / unit
-    H = H + np.diag(weight)
-    low, high = np.array([f.low for f in free]), np.array([f.high for f in free])
-    held, step = np.zeros(len(free), dtype=bool), np.zeros(len(free))
-    for _ in free:
-        step[:] = 0.0
-        step[~held] = _solve(H[np.ix_(~held, ~held)], g[~held])
-        out = ~held & (((step < 0.0) & (at <= low)) | ((step > 0.0) & (at >= high)))
-        if not out.any():
-            break
-        held |= out
-    return step
-
-
-def _solve(H: Array, g: Array) -> Array:
-    d = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    return np.linalg.lstsq(H / np.outer(d, d), g / d, rcond=_CONDITION)[0] / d if g.size else g
-
-
-def _moved(
-    parts: Sequence[Part],
-    plant: Model,
-    free: Sequence[Free],
-    values: Mapping[str, float],
-    nuisance: Sequence[Array],
-    step: Array,
-    pulls: Sequence[Array],
-    follows: Sequence[Array],
-) -> tuple[dict[str, float], list[Array], list[Array], float]:
-    """Values, nuisances, residuals and objective after a step (in units of the parameters' steps)."""
-    trial = dict(values)
-    for f, d in zip(free, step, strict=True):
-        trial[f.name] = min(max(values[f.name] + d * f.step, f.low), f.high)
-    actual = np.array([(trial[f.name] - values[f.name]) / f.step for f in free])
-    followed = [
-        n + (pull - np.einsum("mak,k->ma", follow, actual)) * _NUISANCE
-        for n, pull, follow in zip(nuisance, pulls, follows, strict=True)
-    ]
-    r = _all_residuals(parts, plant, trial, followed)
-    return trial, followed, r, _objective(trial, free, r)
-
-
-def _inverse(H: Array, free: Sequence[Free]) -> Array:
-    """(k, k) covariance [SI] from the normal equations in units of the steps, priors added."""
-    unit = np.array([f.step for f in free])
-    H = H + np.diag(_prior(free))
-    d = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    inverse = np.linalg.pinv(H / np.outer(d, d), rcond=_CONDITION, hermitian=True)
-    return inverse / np.outer(d, d) * np.outer(unit, unit)
+def fit_parts(
+    parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
+) -> JointFit:
+    """Gauss-Newton from `values` on; a parameter at its bound stays there."""
+    problem = _Joint(parts, plant, tuple(free))
+    found = search(problem, values, np.zeros((problem.bounds.size - 1, 2)))
+    point = found.point
+    columns, around = problem.columns(point)
+    r = [point.residuals[rows] for rows in problem.rows]
+    factor = max(inflation(p.experiment, e) for p, e in zip(parts, r, strict=True))
+    return JointFit(
+        point.values,
+        problem.free,
+        covariance_of(problem.free, project(problem, columns, around, point)) * factor,
+        r,
+        [point.nuisance[moves] for moves in problem.moves],
+        point.objective,
+        factor,
+        columns,
+        around,
+        plant,
+        found.converged,
+    )
 
 
 def profile_interval(parts: Sequence[Part], fitted: JointFit, name: str) -> tuple[float, float]:
@@ -452,31 +399,20 @@ def _crossing(parts: Sequence[Part], fitted: JointFit, name: str, value: float, 
 
 
 def _profile(parts: Sequence[Part], fitted: JointFit, name: str, at: float) -> float:
-    """Least objective with one parameter held, by two chord steps with the columns of the fit."""
-    free = tuple(f for f in fitted.free if f.name != name)
+    """Least objective with one parameter fixed, by two chord steps with the columns of the fit."""
     j = next(k for k, f in enumerate(fitted.free) if f.name == name)
-    keep = [k for k in range(len(fitted.free)) if k != j]
-    linear = fitted.covariance[keep, j] / fitted.covariance[j, j] * (at - fitted.values[name])
-    values = {**fitted.values, name: at}
-    for f, d in zip(free, linear, strict=True):
-        values[f.name] = min(max(values[f.name] + d, f.low), f.high)
-    r = _all_residuals(parts, fitted.plant, values, fitted.nuisance)
-    held = fitted.free[j]
-    pull = 0.5 * ((at - held.prior) / held.prior_std) ** 2
+    others = [k for k in range(len(fitted.free)) if k != j]
+    fixed, free = fitted.free[j], tuple(fitted.free[k] for k in others)
+    linear = fitted.covariance[others, j] / fitted.covariance[j, j] * (at - fitted.values[name])
+    start = stepped(free, {**fitted.values, name: at}, linear / scales(free))
+    problem = _Joint(parts, fitted.plant, free)
+    point = point_at(problem, start, np.concatenate(fitted.nuisance))
     best = math.inf
-    nuisance = fitted.nuisance
     for _ in range(2):
-        H, g, pulls, follows = np.zeros((len(free), len(free))), np.zeros(len(free)), [], []
-        for part, e, columns, around in zip(parts, r, fitted.columns, fitted.around, strict=True):
-            part_H, part_g, pull_of, follow = _projected(part.experiment, columns[keep], around, e)
-            H += part_H
-            g += part_g
-            pulls.append(pull_of)
-            follows.append(follow)
-        step = _newton(free, values, H, g)
-        values, nuisance, r, cost = _moved(parts, fitted.plant, free, values, nuisance, step, pulls, follows)
-        best = min(best, cost + pull)
-    return best
+        normal = project(problem, fitted.columns[others], fitted.around, point)
+        point = moved(problem, point, newton_step(free, point.values, normal), normal)
+        best = min(best, point.objective)
+    return best + 0.5 * ((at - fixed.prior) / fixed.prior_std) ** 2
 
 
 def nll(parts: Sequence[Part], fitted: JointFit) -> float:

@@ -1,7 +1,7 @@
 """Small disturbances of each equation along a simulated motion: how time carries them, and what the sensors show of them.
 
 Deviations of (w, I, x) from the simulated motion are linear in the disturbances, with the slopes that the bank uses
-(`transition.py`) taken at the simulated states. Nothing is estimated here.
+(`physics/linear.py`) taken at the simulated states. Nothing is estimated here.
 """
 
 from typing import NamedTuple
@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.bank import transition as tr
 from observer_fi.learn.move_data import Experiment, commands
 from observer_fi.numerics import compiled
-from observer_fi.physics import Model
+from observer_fi.physics import Model, linear, plant
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -52,7 +51,7 @@ _DEEPER = 1e-5  # m, step of the difference that gives a stop's slope
 class Linear(NamedTuple):
     """The motion around the simulated one, N rows, D disturbances.
 
-    F (N, 7): `transition.motion_transition` from each row to the next; held (N,): friction holds the mass over that step;
+    F (N, 7): `linear.motion_transition` from each row to the next; held (N,): friction holds the mass over that step;
     H (N, 6): slopes of V by w, I, of i by w, I, of x by w, x. G (D, N, 3): what a unit of each of `DISTURBANCES` adds to w,
     I, x by the next row; S (D, N, 3): what it adds to V, i, x.
     """
@@ -69,41 +68,41 @@ def linearised(experiment: Experiment, model: Model, states: Array) -> Linear:
     n, d, p = experiment.t.size, len(DISTURBANCES), model.vector
     dt = np.diff(experiment.t, append=experiment.t[-1])
     dt[experiment.bounds[1:] - 1] = 0.0
-    linear = Linear(
+    made = Linear(
         np.zeros((n, 7)), np.zeros(n, dtype=np.bool_), np.zeros((n, 6)), np.zeros((d, n, 3)), np.zeros((d, n, 3))
     )  # fmt: skip
     late = np.ascontiguousarray(commands(experiment, p)[1][:, 0])
-    _fill(dt, states, late, experiment.theta, p, *linear)
-    return linear
+    _fill(dt, states, late, experiment.theta, p, *made)
+    return made
 
 
 @compiled
 def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
     for k in range(dt.size):
-        w, I, x, phi = states[k, s.W], states[k, s.I], states[k, s.X], states[k, s.PHI]
-        h, sag, c, t = states[k, s.H], states[k, s.SAG], states[k, s.LAGGED], dt[k]
-        d = a.indentation(x, p)
-        by_w, by_I, by_x, x_by_w, _, _, _, per_J = tr.motion_slopes(
-            w, I, x, d, phi, h, sag, w_cmd[k], theta[k], 0.0, p
-        )
+        w, x, c, t = states[k, s.W], states[k, s.X], states[k, s.LAGGED], dt[k]
+        d, slow = a.indentation(x, p), plant.Slow(states[k, s.H], states[k, s.SAG], 0.0)
+        m, still = plant.Motion(w, states[k, s.I], x, d, states[k, s.PHI], c), plant.Free(0.0, 0.0)
+        by_w, by_I, by_x, x_by_w, _, _, _, per_J = linear.motion_slopes(m, slow, w_cmd[k], theta[k], still, p)
         if d != 0.0:
             by_x -= (a.stop_torque(w, d + _DEEPER, p) - a.stop_torque(w, d, p)) / _DEEPER * per_J
-        _, _, _, H[k, 0], H[k, 1], _, H[k, 2], H[k, 3], _, H[k, 4], H[k, 5] = tr.readings(
-            w, I, x, h, sag, c, w_cmd[k], p, 1.0
+        (_, H[k, 0], H[k, 1], _), (_, H[k, 2], H[k, 3], _) = linear.electrical_readings(
+            w, m.I, c, slow, w_cmd[k], p, 1.0
         )
+        H[k, 4] = -(p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
+        H[k, 5] = p[a.POSITION_GAIN]
         held[k] = k + 1 < dt.size and w == 0.0 and states[k + 1, s.W] == 0.0
-        f = tr.motion_transition(by_w, by_I, by_x, 0.0, x_by_w, t)
+        f = linear.motion_transition(by_w, by_I, by_x, 0.0, x_by_w, t)
         for r in range(7):
             F[k, r] = f[r]
-        _electrical(k, w, I, h, sag, w_cmd[k], p, S)
+        _electrical(k, w, m.I, slow, w_cmd[k], p, S)
         for kind in range(WINDING, CURRENT_COMMAND + 1):
             push = p[a.KM] * per_J * S[kind, k, 1]
-            G[kind, k, 0] = tr.constant_transition(by_w, by_x, 0.0, push, 0.0, t)
-            V = p[a.RM] * (1.0 + h) * S[kind, k, 1]
+            G[kind, k, 0] = linear.constant_transition(by_w, by_x, 0.0, push, 0.0, t)
+            V = p[a.RM] * (1.0 + slow.h) * S[kind, k, 1]
             S[kind, k, 0] += V
             S[kind, k, 1] = a.current_reading(S[kind, k, 1], p) - a.current_reading(0.0, p)
         G[SPEED_COMMAND, k, 1] = t
-        G[TORQUE, k, 0] = tr.constant_transition(by_w, by_x, 0.0, -per_J, 0.0, t)
+        G[TORQUE, k, 0] = linear.constant_transition(by_w, by_x, 0.0, -per_J, 0.0, t)
         G[FRICTION, k, 0] = a.sign_of(w) * G[TORQUE, k, 0]
         G[DRAG, k, 0] = w * G[TORQUE, k, 0]
         G[STOP, k, 0] = G[TORQUE, k, 0] if d != 0.0 else 0.0
@@ -113,10 +112,10 @@ def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
 
 
 @compiled
-def _electrical(k, w, I, h, sag, w_cmd, p, S):
+def _electrical(k, w, I, slow, w_cmd, p, S):
     """Row k of S: current that a unit of each disturbance between servo and winding drives, and voltage besides R i."""
     i_cmd = a.command_current(w, I, w_cmd, p)
-    i, _, _, by_limit = tr.driven(i_cmd, w, h, sag, p)
+    i, _, _, by_limit = linear.driven(i_cmd, w, slow, p)
     S[WINDING, k, 0], S[RESISTANCE, k, 0] = 1.0, i
     S[WINDING, k, 1], S[RESISTANCE, k, 1] = -abs(by_limit), -abs(by_limit) * i
     S[SUPPLY, k, 1] = by_limit

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.learn.reversal_doubt import Doubt, doubt_of, less_doubt
+from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
+from observer_fi.logs import log_phases, moves_from_rest
+from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rig, corners, quarters
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
@@ -42,12 +44,11 @@ _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weig
 class Experiment:
     """M moves of one or more logs, N samples in all, move m in rows bounds[m]:bounds[m + 1].
 
-    t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the
-    noise, 0 where missing; fine (N,); log (M,) index of the log; start (M,) row of its log; peak (M,) rad/s and
-    pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current [A] and
-    position [m] at rest; noise (3,). doubts: per move, what a reversal
-    leaves open. knots: per log, times and values of the commanded speed. history: per log, time
-    and current on the whole log, for the slow states.
+    t (N,) s on each log's clock; theta (N,) deg; z (N, 3) measured, 0 where missing; weight (N, 3) 1/std of the noise, 0
+    where missing; fine (N,); phase (N,) `Phase` by the rig's model; log (M,) index of the log; start (M,) row of its log;
+    peak (M,) rad/s and pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current
+    [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
+    values of the commanded speed. history: per log, time and current on the whole log, for the slow states.
     """
 
     t: Array
@@ -55,6 +56,7 @@ class Experiment:
     z: Array
     weight: Array
     fine: NDArray[np.bool_]
+    phase: NDArray[np.int8]
     bounds: NDArray[np.int64]
     log: NDArray[np.int64]
     start: NDArray[np.int64]
@@ -91,28 +93,16 @@ class Experiment:
         """Rows of one move."""
         return slice(int(self.bounds[move]), int(self.bounds[move + 1]))
 
-
-def cut_moves(log: Log) -> tuple[Segment, ...]:
-    """Moves of a log from its commanded speed; the rests between them are shared out at `Segment`'s bounds."""
-    moving = np.concatenate(([False], np.abs(log.w_cmd) > 0.0, [False])).astype(np.int8)
-    edges = np.diff(moving)
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    starts = np.maximum(starts - 1, 0)
-    moves = []
-    for k, (start, stop) in enumerate(zip(starts, stops, strict=True)):
-        rest = int(stops[k - 1]) if k else 0
-        end = int(starts[k + 1]) if k + 1 < starts.size else log.t.size
-        middle = (start + stop) // 2
-        pitch = float(np.nanmean(log.pitch[start:stop]))
-        moves.append(Segment(rest, int(start), int(stop), end, float(log.w_cmd[middle]), pitch))
-    return tuple(moves)
+    def w_cmd(self, move: int) -> Array:
+        """(n,) commanded speed at the rows of one move [rad/s]."""
+        return np.interp(self.t[self.rows(move)], *self.knots[self.log[move]])
 
 
 def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
     """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
     estimates = []
     for log in logs:
-        settled = _since(log.t, np.diff(log.w_cmd, append=log.w_cmd[-1]) != 0.0)[1:-1] > _SETTLED_S
+        settled = _since_change(log.t, log.w_cmd)[1:-1] > _SETTLED_S
         second = np.abs(np.diff(log.z, 2, axis=0))[settled]
         estimates.append([_white_std(second[:, c]) for c in range(3)])
     rms = np.array(estimates)
@@ -130,15 +120,16 @@ def _white_std(second: Array) -> float:
 
 
 def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:
-    """Moves of several logs as one experiment. moves: per log, by default from `cut_moves`.
+    """Moves of several logs as one experiment. moves: per log, by default from `moves_from_rest`.
 
     A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
     """
-    cut = [cut_moves(log) for log in logs] if moves is None else moves
+    cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     noise = noise_of(logs, rig)
+    codes = [log_phases(log, rig.model) for log in logs]
     every = [
-        _part(log, k, m, segments, noise, rig.model)
+        _part(log, k, m, segments, noise, rig.model, codes[k])
         for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
         for m in range(len(segments))
     ]
@@ -149,7 +140,8 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         )
     rows = [p["t"].size for p in parts]
     stacked: dict[str, Any] = {
-        name: np.concatenate([p[name] for p in parts]) for name in ("t", "theta", "z", "weight", "fine")
+        name: np.concatenate([p[name] for p in parts])
+        for name in ("t", "theta", "z", "weight", "fine", "phase")
     }
     each: dict[str, Any] = {
         name: np.array([p[name] for p in parts])
@@ -162,7 +154,7 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         noise=noise,
         doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
-        history=tuple((log.t, _filled(log.z[:, 1])) for log in logs),
+        history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
         accel=accel,
     )
 
@@ -174,7 +166,7 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     k = np.asarray(moves)
     return replace(
         experiment,
-        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine")},
+        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine", "phase")},
         **{
             name: getattr(experiment, name)[k]
             for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
@@ -187,7 +179,7 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
 def whitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
     for m, doubt in enumerate(experiment.doubts):
-        less_doubt(r[experiment.rows(m)], doubt)
+        subtract_doubt(r[experiment.rows(m)], doubt)
     return r
 
 
@@ -195,12 +187,18 @@ def unwhitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3) as they were before `whitened`."""
     r = r.copy()
     for m, doubt in enumerate(experiment.doubts):
-        less_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
+        subtract_doubt(r[experiment.rows(m)], doubt._replace(share=-doubt.share / (1.0 - doubt.share)))
     return r
 
 
 def _part(
-    log: Log, number: int, m: int, segments: Sequence[Segment], noise: Array, model: Model
+    log: Log,
+    number: int,
+    m: int,
+    segments: Sequence[Segment],
+    noise: Array,
+    model: Model,
+    phase: NDArray[np.int8],
 ) -> dict | None:
     """One move as rows of an experiment, or None where it has no rest to start from."""
     segment = segments[m]
@@ -215,10 +213,8 @@ def _part(
     weight = np.where(missing, 0.0, 1.0 / noise)
     if m == 0:
         weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
-    w_cmd = log.w_cmd[rest:end]
-    corner = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
-    since = _since(log.t[rest:end], corner)
-    gapless = np.stack([_filled(channel) for channel in z.T], axis=1)
+    since = _since_change(log.t[rest:end], log.w_cmd[rest:end])
+    gapless = np.nan_to_num(np.stack([filled(channel) for channel in z.T], axis=1))
     brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
     return {
         "t": log.t[rest:end],
@@ -226,6 +222,7 @@ def _part(
         "z": np.where(missing, 0.0, z),
         "weight": weight,
         "fine": since < FINE_S,
+        "phase": phase[rest:end],
         "log": number,
         "start": rest,
         "moving": segment.start - rest,
@@ -237,19 +234,11 @@ def _part(
     }
 
 
-def _since(t: Array, corner: NDArray[np.bool_]) -> Array:
-    """Time since the command last changed, or until just before it does [s]."""
-    last = np.maximum.accumulate(np.where(corner, np.arange(t.size), -1))
+def _since_change(t: Array, w_cmd: Array) -> Array:
+    """(n,) time since the command last changed, 0 at the sample before it does [s]; infinite before the first change."""
+    changes = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
+    last = np.maximum.accumulate(np.where(changes, np.arange(t.size), -1))
     return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
-
-
-def _filled(y: Array) -> Array:
-    """y with missing samples interpolated."""
-    bad = np.isnan(y)
-    if not bad.any():
-        return y
-    k = np.arange(y.size)
-    return np.interp(k, k[~bad], y[~bad]) if not bad.all() else np.zeros_like(y)
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
@@ -273,8 +262,8 @@ def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
 
 def _leaky(u: Array, dt: float, time: float) -> Array:
     """Integral of u that leaks with a time constant [u s]: the value before each sample is added."""
-    keep = math.exp(-dt / time)
-    total = lfilter([dt], [1.0, -keep], u)
+    decay = math.exp(-dt / time)
+    total = lfilter([dt], [1.0, -decay], u)
     return np.concatenate(([0.0], total[:-1]))
 
 
@@ -358,7 +347,7 @@ def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Se
     alike: dict[Any, list[int]] = {}
     for k, model in enumerate(models):
         alike.setdefault((_delays(model.vector), s.paced(model.vector)), []).append(k)
-    batches = [some[at : at + s.LANES] for some in alike.values() for at in range(0, len(some), s.LANES)]
+    batches = [same[at : at + s.LANES] for same in alike.values() for at in range(0, len(same), s.LANES)]
 
     def fill(batch: list[int]) -> None:
         ready = commands(experiment, models[batch[0]].vector)

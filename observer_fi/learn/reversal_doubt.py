@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
-from observer_fi.physics import Model
+from observer_fi.physics import Model, speed
 from observer_fi.records import Array
 
 # s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.
@@ -25,7 +26,6 @@ _LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the n
 _ROWS = 3  # samples on either side of a reversal that tell its slope: ten times the slope's noise at `_LEAST`
 _APART_S = 5e-3
 _FULL = 0.98  # of the highest voltage seen: the supply is at its limit
-_TERMS = 12  # of a series whose terms fall by ten or more each
 _STILL = 3.0  # rad/s: five times the noise of the measured speed
 
 
@@ -45,7 +45,7 @@ class Doubt(NamedTuple):
 
 def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
     """Doubt in the readings z (n, 3), without gaps, of one move at t (n,); from the row `brake` on the command falls."""
-    w = (z[:, 0] - model["Rm"] * z[:, 1]) / model["Km"]
+    w = speed(z, model.vector)
     fast = np.flatnonzero(np.abs(_smooth(w)) > _STILL)
     kicks = _reversals(t, w, brake)
     if not kicks or not fast.size:
@@ -64,7 +64,7 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
 
 
-def less_doubt(r: Array, doubt: Doubt) -> None:
+def subtract_doubt(r: Array, doubt: Doubt) -> None:
     """Whitens normalised residuals or columns (n, 3) of one move in place."""
     part = r[doubt.first :]
     part -= ((doubt.share * (doubt.directions @ part.ravel())) @ doubt.directions).reshape(part.shape)
@@ -97,10 +97,10 @@ def _response(since: Array, still: float, full: NDArray[np.bool_], model: Model)
     Rm, Km, D, Kp, Ki, J = (model[name] for name in ("Rm", "Km", "D", "Kp", "Ki", "J"))
     current = (np.array([-Kp, Ki, 0.0]), np.array([-Km / (Rm + model["Rs"]), 0.0, 0.0]))
     rates = [np.array([Km / J * di, [-1.0, 0.0, 0.0], [D, 0.0, 0.0]]) for di in current]
-    steps = [_exponential(A * float(np.median(np.diff(since)))) for A in rates]
+    steps = [expm(A * float(np.median(np.diff(since)))) for A in rates]
     first = int(np.searchsorted(since, 0.0))
     y = np.zeros((since.size, 3))
-    state = _exponential(rates[int(full[first])] * since[first])[:, 0].copy()
+    state = expm(rates[int(full[first])] * since[first])[:, 0].copy()
     for k in range(first, since.size):
         if since[k] > still:
             state[0] = 0.0
@@ -108,12 +108,3 @@ def _response(since: Array, still: float, full: NDArray[np.bool_], model: Model)
         y[k] = Rm * di + Km * state[0], di, state[2]
         state = state if since[k] > still else steps[int(full[k])] @ state
     return y
-
-
-def _exponential(A: Array) -> Array:
-    """exp(A) for a matrix well below one, as of a sampling interval, by its series."""
-    total = term = np.eye(len(A))
-    for k in range(1, _TERMS):
-        term = term @ A / k
-        total = total + term
-    return total

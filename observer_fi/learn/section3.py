@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.learn.kinematic_breaks import motor_angle, speed_of
+from observer_fi.learn.contacts_and_losses import motor_angle, speed_of
 from observer_fi.logs import settling_time
+from observer_fi.numerics import runs
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
@@ -74,11 +75,12 @@ def saturated_starts(log: Log, moves: Sequence[Segment], model: Model) -> list[S
 
 
 def _longest(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    if not edges.size:
+    """The longest run of True: its first row and the row after its last; (0, 0) where there is none."""
+    starts, stops = runs(mask)
+    if not starts.size:
         return 0, 0
-    k = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * k]), int(edges[2 * k + 1])
+    k = int(np.argmax(stops - starts))
+    return int(starts[k]), int(stops[k])
 
 
 def source(log: Log, starts: Sequence[Start]) -> Step | None:

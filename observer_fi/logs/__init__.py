@@ -2,9 +2,20 @@
 
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
+from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
-from observer_fi.logs.moves import Excitation, Phase, excitation, log_segments, phases, settling_time
+from observer_fi.logs.moves import (
+    Excitation,
+    Phase,
+    excitation,
+    log_phases,
+    log_segments,
+    mean_square_by_phase,
+    moves_from_rest,
+    phases,
+    settling_time,
+)
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.units import suspect_units
 
@@ -19,13 +30,17 @@ __all__ = [
     "Parser",
     "Phase",
     "Row",
+    "SUFFIXES",
     "Splitter",
     "excitation",
     "lines_of",
     "load_columns",
     "log_from_frame",
     "log_name",
+    "log_phases",
     "log_segments",
+    "mean_square_by_phase",
+    "moves_from_rest",
     "numbers",
     "open_log",
     "phases",

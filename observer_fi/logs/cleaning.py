@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
-from observer_fi.logs.tables import Block, Table, joined_blocks, place
+from observer_fi.logs.tables import LISTED, NONE, Block, LeftOut, Table, joined_blocks, place, together
 from observer_fi.records import Array, Gap, Log, Rejected
 
-LISTED = 1000  # entries kept of each list: enough to see a pattern, and a day of broken samples stays small
 FEWEST_SAMPLES = 10
 SLOWEST_STEP_S = (
     0.05  # the servo rings at 22 Hz: beyond this a log shows no move, or its clock is not in seconds
 )
+FASTEST_HZ = 1e6  # nothing of an actuator happens in a microsecond: beyond this a clock is not in seconds
 STUCK_ROWS = 10_000  # rows in a row without a new time: the clock stands still
 WRONG_UNIT = 0.25  # of the samples beyond the limit
 GAP = 1.5  # of the median sampling interval
@@ -50,6 +50,7 @@ class Tally:
     column_map: ColumnMap
     table: Table
     samples: int = 0
+    left_out: int = 0
     step: float = float("nan")
     last_t: float = float("nan")
     last_input: dict[str, float] = field(default_factory=dict)
@@ -74,8 +75,8 @@ class _Masked:
     """The samples of one block that were repaired, masked or left out."""
 
     def __init__(self, block: Block) -> None:
-        self.rows, self.count = block.rows, len(block.left_out)
-        self.entries = list(block.left_out[:LISTED])
+        self.rows, self.count = block.rows, block.left_out.total
+        self.entries = list(block.left_out.entries)
 
     def add(self, which: Indices, column: str, reason: str, values: Array | None = None) -> None:
         """Lists the samples of the indices `which`; {} in the reason stands for the value."""
@@ -88,7 +89,7 @@ class _Masked:
 def cleaned(blocks: Iterable[Block], tally: Tally) -> Iterator[Log]:
     """The blocks as Logs, in order. Raises InvalidLogError where the file cannot be used.
 
-    Rows with no value at all (blank lines) are left out. A row without a time of its own (none, or that of
+    Rows with no value at all are left out, listed. A row without a time of its own (none, or that of
     the row before) is placed evenly between its neighbours with its channels masked.
     """
     for block in _ending_on_a_time(blocks, tally):
@@ -111,12 +112,12 @@ def _ending_on_a_time(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
         if timed.size and time[timed[-1]] != last:
             last = float(time[timed[-1]])
             end = int(np.argmax(time == last)) + 1
-        rest = _part(block, slice(end, None), () if end else block.left_out)
+        rest = _part(block, slice(end, None), NONE if end else block.left_out)
         _check_alive(rest, tally)
         held = [rest]
         if end:
             yield _part(block, slice(0, end), block.left_out)
-    if held and (held[0].rows.size or held[0].left_out):
+    if held and (held[0].rows.size or held[0].left_out.total):
         yield held[0]
 
 
@@ -130,19 +131,29 @@ def _check_alive(rest: Block, tally: Tally) -> None:
 
 def _in_units(block: Block, column_map: ColumnMap) -> Block:
     values = {}
-    for column, raw in block.values.items():
-        factor = column_map.source(column).factor
-        values[column] = raw if factor == 1.0 else raw * factor
-    block = block._replace(values=values)
-    untimed = np.isnan(values["time_s"])
-    if not untimed.any():
+    with np.errstate(over="ignore"):
+        for column, raw in block.values.items():
+            factor = column_map.source(column).factor
+            values[column] = raw if factor == 1.0 else raw * factor
+    time, limit = values["time_s"], column_map.limit("time_s")
+    if not (np.abs(time) <= limit).all():
+        values["time_s"] = np.where(np.abs(time) > limit, np.inf, time)
+    return _with_values(block._replace(values=values))
+
+
+def _with_values(block: Block) -> Block:
+    """The block without rows that have no value at all, which are listed as left out."""
+    empty = np.isnan(block.values["time_s"])
+    if not empty.any():
         return block
-    for column in values:
-        untimed &= np.isnan(values[column])
-    return _part(block, ~untimed, block.left_out)
+    for values in block.values.values():
+        empty &= np.isnan(values)
+    rows = block.rows[empty]
+    entries = tuple(Rejected(int(row), "time_s", "no value at all: row left out") for row in rows[:LISTED])
+    return _part(block, ~empty, together([block.left_out, LeftOut(entries, rows.size)]))
 
 
-def _part(block: Block, which: slice | Mask, left_out: tuple[Rejected, ...]) -> Block:
+def _part(block: Block, which: slice | Mask, left_out: LeftOut) -> Block:
     return Block(block.rows[which], {name: v[which] for name, v in block.values.items()}, left_out)
 
 
@@ -174,6 +185,11 @@ def _set_step(t: Array, tally: Tally) -> None:
     if np.isfinite(tally.step) or t.size < 2:
         return
     tally.step = float(np.median(np.diff(t)))
+    if tally.step * FASTEST_HZ < 1.0 - 1e-6:
+        raise InvalidLogError(
+            f"{tally.path}: column time_s: {1 / tally.step:.4g} samples a second are more than any actuator needs (at most "
+            f"{FASTEST_HZ:.0e}); if the clock is not in seconds, map its unit with --columns"
+        )
     if tally.step > SLOWEST_STEP_S:
         raise InvalidLogError(
             f"{tally.path}: column time_s: a sample every {tally.step:.4g} s is too slow to show a move "
@@ -234,6 +250,7 @@ def _log(block: Block, tally: Tally) -> Log:
         pitch=_input("pitch_deg", 0.0, block, t, tally, masked),
         encoder=_optional("encoder_rad", block, good, tally, masked),
         force=_optional("force_cmd_n", block, good, tally, masked),
+        position_cmd=_optional("position_cmd_m", block, good, tally, masked),
         metadata=tally.table.metadata,
         gaps=_gaps(t, good, block.rows, tally),
         rejected=tuple(sorted(masked.entries)),
@@ -244,6 +261,7 @@ def _log(block: Block, tally: Tally) -> Log:
     tally.rejected.extend(log.rejected[: LISTED - len(tally.rejected)])
     tally.rejected_count += log.rejected_count
     tally.samples += t.size
+    tally.left_out += block.left_out.total
     tally.last_t = float(t[-1]) if t.size else tally.last_t
     return log
 
@@ -257,7 +275,9 @@ def _list_times(block: Block, good: Mask, tally: Tally, masked: _Masked) -> None
     if good.all():
         return
     time = block.values["time_s"]
-    masked.add(np.flatnonzero(~np.isfinite(time)), "time_s", "no time: channels masked")
+    masked.add(np.flatnonzero(np.isnan(time)), "time_s", "no time: channels masked")
+    limit = f"time is not finite or beyond {tally.column_map.limit('time_s'):g} s: channels masked"
+    masked.add(np.flatnonzero(np.isinf(time)), "time_s", limit)
     repeated = np.flatnonzero(np.isfinite(time) & ~good)
     masked.add(repeated, "time_s", "time {} repeats: channels masked", time)
     tally.repeated += repeated.size
@@ -330,6 +350,7 @@ def _input(column: str, absent: float, block: Block, t: Array, tally: Tally, mas
 
 
 def _check_whole(tally: Tally) -> None:
+    _check_nothing_lost(tally)
     if tally.samples < FEWEST_SAMPLES:
         raise InvalidLogError(
             f"{tally.path}: {tally.samples} samples are too few; record a whole move (at least "
@@ -345,6 +366,16 @@ def _check_whole(tally: Tally) -> None:
             )
 
 
+def _check_nothing_lost(tally: Tally) -> None:
+    """Every row of the file is a sample or is listed as left out: whatever a reader does, none is lost unseen."""
+    rows = tally.table.count.rows
+    if tally.samples + tally.left_out != rows:
+        raise InvalidLogError(
+            f"{tally.path}: of its {rows} rows {tally.samples} are samples and {tally.left_out} were left out, so that rows "
+            "were lost in reading; export it again, as CSV without quotes"
+        )
+
+
 def column_notes(table: Table) -> tuple[str, ...]:
     """What the reader noted, and what follows from columns that are absent."""
     notes = {
@@ -353,7 +384,9 @@ def column_notes(table: Table) -> tuple[str, ...]:
         "pitch_deg": "pitch_deg is absent: taken as 0",
         "speed_cmd_rad_s": "speed_cmd_rad_s is absent: it has to be recovered from the data",
     }
-    return table.notes + tuple(note for column, note in notes.items() if column not in table.columns)
+    return (*table.notes, *table.remarks) + tuple(
+        note for column, note in notes.items() if column not in table.columns
+    )
 
 
 def summary(tally: Tally) -> Summary:

@@ -5,15 +5,16 @@ A map is a small TOML file; docs/logs.md explains it and data/columns holds one 
 
 import codecs
 import math
-import tomllib
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.physics import unknown_name
+from observer_fi.toml_files import checked, toml_table
 
-T = TypeVar("T")
+MOST_HEADER_LINES = 10_000  # lines before the first sample of a text table
 
 
 class Kind(NamedTuple):
@@ -29,13 +30,14 @@ _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
 
 # Limits are far beyond any actuator this is for: what exceeds them is a fault of the logger.
 COLUMNS: dict[str, Kind] = {
-    "time_s": Kind("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}, math.inf),
+    "time_s": Kind("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}, 1e11),
     "voltage_v": Kind("V", {"V": 1.0, "mV": 1e-3}, 1e3),
     "current_a": Kind("A", {"A": 1.0, "mA": 1e-3, "uA": 1e-6}, 1e3),
     "position_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
     "pitch_deg": Kind("deg", {"deg": 1.0, "rad": 180.0 / math.pi}, 180.0),
     "speed_cmd_rad_s": Kind("rad/s", _SPEEDS, 1e5),
     "encoder_rad": Kind("rad", _ANGLES, 1e9),
+    "position_cmd_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
     "force_cmd_n": Kind("N", {"N": 1.0, "mN": 1e-3, "kN": 1e3}, 1e6),
 }
 _SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "°": "deg"})
@@ -79,53 +81,99 @@ PLAIN = ColumnMap()
 _TOP = ("separator", "decimal_comma", "header_line", "data_line", "encoding", "missing", "columns", "limits")
 _ENTRY = ("header", "unit", "factor")
 _NAMED_SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+_PART_OF_NUMBERS = "+-.\"'#_eE0123456789"
+_SAMPLE = "time_s;1,5\n-2.5e-3\t"
 
 
 def load_columns(path: str | Path) -> ColumnMap:
     """The column map of a TOML file. Raises UsageError naming the file, the key and the right keys."""
-    try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot read the column map ({error.strerror}); give a TOML file as in data/columns"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: not a TOML file: {error}") from error
+    table = toml_table(path, "column map", "data/columns")
     try:
         return columns_from_table(table)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
 
 
-def columns_from_table(table: dict[str, object]) -> ColumnMap:
+def columns_from_table(table: dict[str, Any]) -> ColumnMap:
     """The column map of a parsed TOML table. Raises UsageError."""
-    for key in table:
-        if key not in _TOP:
-            raise unknown_name(key, _TOP, "key")
-    columns = _table(table, "columns")
-    limits = _table(table, "limits")
-    for name in (*columns, *limits):
-        if name not in COLUMNS:
-            raise unknown_name(name, tuple(COLUMNS), "column")
+    _check_names(table)
+    file = checked(_map_file(), table)
     found = ColumnMap(
-        {name: _source(name, entry) for name, entry in columns.items()},
-        _separator(table.get("separator")),
-        _typed(table, "decimal_comma", bool),
-        _typed(table, "header_line", int),
-        _typed(table, "data_line", int),
-        _encoding(_typed(table, "encoding", str)),
-        _tokens(table.get("missing", [])),
-        {name: _number(f"limits.{name}", value) for name, value in limits.items()},
+        {name: _source(name, entry) for name, entry in file.columns.items()},
+        _separator(file.separator),
+        file.decimal_comma,
+        file.header_line,
+        file.data_line,
+        _encoding(file.encoding),
+        tuple(file.missing),
+        dict(file.limits),
     )
     _check(found)
     return found
 
 
+@cache
+def _map_file() -> Any:
+    """The pydantic model of a column map (made on use: most logs need none)."""
+    from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+    text = Annotated[str, Field(min_length=1, max_length=1000)]
+
+    class Entry(BaseModel):
+        model_config = ConfigDict(strict=True, extra="forbid")
+        header: text | None = None  # type: ignore[valid-type]
+        unit: str | None = None
+        factor: Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)] = 1.0
+
+    class MapFile(BaseModel):
+        model_config = ConfigDict(strict=True, extra="forbid")
+        separator: str | None = None
+        decimal_comma: bool | None = None
+        header_line: Annotated[int, Field(ge=1, le=MOST_HEADER_LINES)] | None = None
+        data_line: Annotated[int, Field(ge=2, le=MOST_HEADER_LINES)] | None = None
+        encoding: str | None = None
+        missing: Annotated[list[text], Field(max_length=1000)] = []  # type: ignore[valid-type]
+        columns: dict[str, Entry] = {}
+        limits: dict[str, Annotated[float, Field(gt=0.0, le=1e15, allow_inf_nan=False)]] = {}
+
+        @field_validator("columns", mode="before")
+        @classmethod
+        def _headers_alone(cls, given: Any) -> Any:
+            if not isinstance(given, dict):
+                return given
+            return {name: _entry(name, entry) for name, entry in given.items()}
+
+    return MapFile
+
+
+def _entry(name: str, given: Any) -> Any:
+    if isinstance(given, str):
+        return {"header": given}
+    if not isinstance(given, dict):
+        raise ValueError(
+            f'columns.{name}: give a header, or {{ header = "...", unit = "..." }}, got {given!r:.80}'
+        )
+    return given
+
+
+def _check_names(table: dict[str, Any]) -> None:
+    """A misspelt key, column or part of an entry is an error that lists the right ones."""
+    for key in table:
+        if key not in _TOP:
+            raise unknown_name(key, _TOP, "key")
+    for part in ("columns", "limits"):
+        entries = table.get(part, {})
+        for name, entry in entries.items() if isinstance(entries, dict) else ():
+            if name not in COLUMNS:
+                raise unknown_name(name, tuple(COLUMNS), "column")
+            for key in entry if isinstance(entry, dict) and part == "columns" else ():
+                if key not in _ENTRY:
+                    raise unknown_name(key, _ENTRY, f"key of {name}")
+
+
 def _check(found: ColumnMap) -> None:
     if found.decimal_comma and found.separator == ",":
         raise UsageError('separator "," and decimal_comma = true exclude each other')
-    if found.header_line is not None and found.header_line < 1:
-        raise UsageError(f"header_line must be 1 or more (1 is the first line), got {found.header_line}")
     if found.data_line is not None and found.data_line <= (found.header_line or 1):
         raise UsageError(f"data_line must come after the header line, got {found.data_line}")
     headers = [source.header for source in found.columns.values()]
@@ -134,72 +182,53 @@ def _check(found: ColumnMap) -> None:
             raise UsageError(f"header {header!r} is mapped to two columns")
 
 
-def _source(name: str, entry: object) -> Source:
-    if isinstance(entry, str):
-        return Source(entry)
-    if not isinstance(entry, dict):
-        raise UsageError(f'{name}: give a header, or {{ header = "...", unit = "..." }}, got {entry!r}')
-    for key in entry:
-        if key not in _ENTRY:
-            raise unknown_name(key, _ENTRY, f"key of {name}")
+def _source(name: str, entry: Any) -> Source:
     kind = COLUMNS[name]
-    header, unit = entry.get("header", name), entry.get("unit", kind.unit)
-    if not isinstance(header, str) or not isinstance(unit, str):
-        raise UsageError(f"{name}: header and unit must be texts")
+    unit = kind.unit if entry.unit is None else entry.unit
     plain = unit.translate(_SYMBOLS)
     if plain not in kind.units:
         raise unknown_name(unit, tuple(kind.units), f"unit for {name}")
-    return Source(header, kind.units[plain] * _number(f"{name}: factor", entry.get("factor", 1.0)))
+    if abs(entry.factor) < 1e-15 or (name == "time_s" and entry.factor < 0.0):
+        wanted = "above 0" if name == "time_s" else "other than 0"
+        raise UsageError(f"columns.{name}.factor must be a number {wanted}, got {entry.factor!r}")
+    return Source(entry.header or name, kind.units[plain] * entry.factor)
 
 
-def _number(what: str, value: object) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not math.isfinite(value)
-        or value == 0
-    ):
-        raise UsageError(f"{what} must be a number other than 0, got {value!r}")
-    return float(value)
-
-
-def _separator(value: object) -> str | None:
-    if value is None:
+def _separator(text: str | None) -> str | None:
+    found = _NAMED_SEPARATORS.get(text or "", text)
+    if found is None:
         return None
-    text = _NAMED_SEPARATORS.get(value, value) if isinstance(value, str) else value
-    if not isinstance(text, str) or len(text) != 1:
-        raise UsageError(f'separator must be one character, "tab", "comma" or "semicolon", got {value!r}')
-    return text
+    if (
+        len(found) != 1
+        or not found.isascii()
+        or found in _PART_OF_NUMBERS
+        or ord(found) < 9
+        or found in "\r\n"
+    ):
+        raise UsageError(
+            f'separator must be one character that is no part of a number, "tab", "comma" or "semicolon", got {text!r}'
+        )
+    return found
 
 
 def _encoding(name: str | None) -> str | None:
+    """The name, if text in that encoding can be read piece by piece; it must give back what was written."""
+    if name is None:
+        return None
     try:
-        codecs.lookup(name or "utf-8")
-    except LookupError as error:
-        raise UsageError(
-            f'there is no encoding {name!r} (usual ones: "utf-8", "cp1252", "utf-16")'
-        ) from error
+        raw = _SAMPLE.encode(name)
+        decoder = codecs.getincrementaldecoder(name)()
+        pieces = [decoder.decode(raw[k : k + 1], k + 1 == len(raw)) for k in range(len(raw))]
+        known_as = codecs.lookup(name).name.replace("_", "-")
+        usable = "".join(pieces).lstrip("\ufeff") == _SAMPLE and known_as not in _NOT_FOR_FILES
+    except (LookupError, ValueError, TypeError, AttributeError, AssertionError):
+        usable = False
+    if not usable:
+        raise UsageError(f'there is no encoding {name!r} (usual ones: "utf-8", "cp1252", "utf-16")')
     return name
 
 
-def _typed(table: dict[str, object], key: str, kind: type[T]) -> T | None:
-    value = table.get(key)
-    if value is None or (isinstance(value, kind) and not (kind is int and isinstance(value, bool))):
-        return value
-    raise UsageError(f"{key} must be a {kind.__name__}, got {value!r}")
-
-
-def _table(table: dict[str, object], key: str) -> dict[str, object]:
-    value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise UsageError(f"[{key}] must be a table, got {value!r}")
-    return value
-
-
-def _tokens(value: object) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(token, str) for token in value):
-        raise UsageError(f"missing must be a list of texts that stand for no value, got {value!r}")
-    return tuple(value)
+_NOT_FOR_FILES = ("unicode-escape", "raw-unicode-escape", "idna", "punycode", "undefined")
 
 
 def missing_column(path: str, column: str, headers: list[str], column_map: ColumnMap) -> InvalidLogError:

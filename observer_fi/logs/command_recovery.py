@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
-from observer_fi.physics import Model
+from observer_fi.physics import Model, speed
 from observer_fi.records import Array, Log
 
 BLOCK_S = 0.005
@@ -29,6 +29,8 @@ RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a c
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
+ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
+
 Mask = NDArray[np.bool_]
 
 
@@ -41,13 +43,9 @@ class _Level(NamedTuple):
     speed: float
 
 
-ABSENT = "speed_cmd_rad_s is absent"
-
-
 def with_command(log: Log, model: Model) -> Log:
-    """`log` as it is, or with its command recovered where it holds none."""
-    missing = not log.w_cmd.any() and any(note.startswith(ABSENT) for note in log.notes)
-    return recover_command(log, model) if missing else log
+    """`log` as it is, or with its command recovered where it holds none: where no sample of `w_cmd` is a number."""
+    return log if np.isfinite(log.w_cmd).any() else recover_command(log, model)
 
 
 def recover_command(log: Log, model: Model) -> Log:
@@ -114,7 +112,7 @@ def _long(missing: Mask) -> Mask:
 
 def _speed(log: Log, model: Model) -> Array:
     """Motor speed: equation 16, or the rate of the encoder where there is no voltage."""
-    w = (log.z[:, 0] - model["Rm"] * log.z[:, 1]) / model["Km"]
+    w = speed(log.z, model.vector)
     if np.isfinite(w).any() or log.encoder is None:
         return w
     return np.gradient(log.encoder, log.t)

@@ -37,15 +37,25 @@ def checked(frame: "pd.DataFrame", path: str) -> "pd.DataFrame":
     """The frame with float columns and a fresh index. Raises InvalidLogError: row, column and what to do."""
     import pandera.errors
 
+    headers = [str(name) for name in frame.columns]
+    for name in COLUMNS:
+        if headers.count(name) > 1:
+            raise InvalidLogError(
+                f"{path}: column {name} stands {headers.count(name)} times; keep one of them"
+            )
     try:
         return log_schema().validate(frame.reset_index(drop=True), lazy=True)
     except pandera.errors.SchemaErrors as error:
         cases = error.failure_cases
-    headers = [str(name) for name in frame.columns]
     for case in cases.itertuples():
         if case.check == "column_in_dataframe":
             raise missing_column(path, str(case.failure_case), headers, PLAIN)
     first = cases.sort_values("index", na_position="last").iloc[0]
+    if first["index"] is None or first["index"] != first["index"]:
+        column = str(first["column"])
+        raise InvalidLogError(
+            f"{path}: column {column} is of type {frame[column].dtype}; numbers in {COLUMNS[column].unit} are needed"
+        )
     row = int(first["index"]) + 1
     if first["check"] == "time runs backward":
         raise InvalidLogError(f"{path}: row {row}, column time_s: time runs backward; sort the table by time")

@@ -1,7 +1,6 @@
 """A file of samples becomes a Log. `read_log` reads it whole, `open_log` chunk by chunk in bounded memory."""
 
-import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -9,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from observer_fi.errors import InvalidLogError
 from observer_fi.logs.cleaning import Summary, Tally, cleaned, summary
 from observer_fi.logs.columns import COLUMNS, PLAIN, ColumnMap, load_columns
 from observer_fi.logs.formats.registry import SUFFIXES, open_table
-from observer_fi.logs.tables import Block, Table
+from observer_fi.logs.formats.source import Source
+from observer_fi.logs.tables import Block, RowCount, Table
 from observer_fi.records import Array, Log
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ __all__ = [
 ]
 
 CHUNK_ROWS = 1 << 16
+MOST_WHOLE = (
+    6_000_000  # samples of a log that is read whole: an hour at 1600 Hz; a longer one goes chunk by chunk
+)
 
 
 class LogFile:
@@ -38,14 +42,14 @@ class LogFile:
     def __init__(self, path: str | Path, column_map: ColumnMap) -> None:
         self.path = str(path)
         self._map = column_map
-        self._table = open_table(self.path, column_map)
+        self._source = Source(self.path)
+        self._table = open_table(self._source, column_map)
         self._summary: Summary | None = None
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file as it lies on disk."""
-        with open(self.path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        """SHA-256 of the file that was opened. Raises InvalidLogError if it changed since."""
+        return self._source.sha256()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -75,7 +79,12 @@ class LogFile:
         Raises InvalidLogError; for a fault deep in the file only when its chunk is reached.
         """
         tally = Tally(self.path, self._map, self._table)
-        yield from cleaned(self._table.blocks(rows), tally)
+        try:
+            yield from cleaned(self._table.blocks(rows), tally)
+        except InvalidLogError:
+            self._source.check()  # what is wrong with a file that changed on the way is that it did
+            raise
+        self._source.check()
         self._summary = summary(tally)
 
 
@@ -87,8 +96,18 @@ def open_log(path: str | Path, column_map: ColumnMap | None = None) -> LogFile:
 def read_log(path: str | Path, column_map: ColumnMap | None = None) -> Log:
     """The whole file as one Log. Raises InvalidLogError with the one line for the user."""
     file = open_log(path, column_map)
-    logs = list(file.chunks())
+    logs = list(_not_too_many(file.chunks(), file.path))
     return replace(_joined(logs, file.summary), sha256=file.sha256)
+
+
+def _not_too_many(logs: Iterable[Log], path: str) -> Iterator[Log]:
+    for log in logs:
+        if log.first_row + log.t.size > MOST_WHOLE:
+            raise InvalidLogError(
+                f"{path}: more than {MOST_WHOLE} samples, too many to be taken whole; cut the file into parts, and log "
+                "speed_cmd_rad_s (a log without it cannot be diagnosed piece by piece)"
+            )
+        yield log
 
 
 def log_name(path: str | Path) -> str:
@@ -104,7 +123,7 @@ def log_from_frame(frame: "pd.DataFrame", path: str = "frame") -> Log:
     frame = checked(frame, path)
     values = {name: frame[name].to_numpy(dtype=np.float64) for name in COLUMNS if name in frame}
     block = Block(np.arange(1, len(frame) + 1), values)
-    tally = Tally(path, PLAIN, Table(tuple(values), lambda rows: iter((block,))))
+    tally = Tally(path, PLAIN, Table(tuple(values), lambda rows: iter((block,)), RowCount(len(frame))))
     logs = list(cleaned(iter((block,)), tally))
     return _joined(logs, summary(tally))
 
@@ -115,6 +134,7 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
     if len(logs) > 1:
         encoder = [log.encoder for log in logs if log.encoder is not None]
         force = [log.force for log in logs if log.force is not None]
+        position_cmd = [log.position_cmd for log in logs if log.position_cmd is not None]
         first = replace(
             first,
             t=np.concatenate([log.t for log in logs]),
@@ -123,6 +143,7 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
             pitch=np.concatenate([log.pitch for log in logs]),
             encoder=_concatenated(encoder),
             force=_concatenated(force),
+            position_cmd=_concatenated(position_cmd),
         )
     return replace(
         first,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import header_fields
 from observer_fi.logs.plain_lines import numbers
@@ -21,8 +21,10 @@ from observer_fi.records import Array
 
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
 LONGEST_LINE = 1 << 16  # bytes: what has no end of line by then is no line
+LATEST_S = 1e15  # beyond this two samples have the same double: no clock is there
 MOST_HELD = 64  # samples that wait for a time, a pitch or a command
 NAN = math.nan
+Say = Callable[[str, int], None]  # what is wrong, and how many samples are left out for it
 
 
 class Row(NamedTuple):
@@ -72,7 +74,7 @@ class Parser:
 
     def __init__(self, source: str, column_map: ColumnMap) -> None:
         self.source, self.map = source, column_map
-        self.limits = tuple(column_map.limit(column) for column in COLUMNS)
+        self.limits = (LATEST_S, *(column_map.limit(column) for column in COLUMNS[1:]))
         self.missing = {*NO_VALUE, *column_map.missing}
         self.coded = any(_is_number(text) for text in column_map.missing)  # a number that stands for no value
         self.begin()
@@ -131,12 +133,7 @@ class Parser:
 
     def _header(self, line: str) -> None:
         self.separator = self.map.separator or max(",;\t|", key=line.count)
-        try:
-            self.headers = header_fields(line, self.separator)
-        except csv.Error as error:
-            raise InvalidLogError(
-                f"{self.source}: line {self.number} is no header ({error}); send one line of column names first"
-            ) from error
+        self.headers = header_fields(self.source, self.number, line, self.separator)
         if all(_is_number(text.replace(",", ".")) for text in self.headers):
             raise InvalidLogError(
                 f"{self.source}: line {self.number} holds numbers, not column names; send a header first, "
@@ -200,8 +197,11 @@ class Parser:
     def _json(self, line: str) -> Row | None:
         try:
             found = json.loads(line)
-        except ValueError as error:
-            raise BrokenLineError(f"no JSON object ({error})") from error
+        except (
+            ValueError,
+            RecursionError,
+        ) as error:  # also of nesting, and of numbers with more than 4300 digits
+            raise BrokenLineError(f"no JSON object ({one_line(error, 100)})") from error
         if not isinstance(found, dict):
             raise BrokenLineError("no JSON object")
         if not self.format:
@@ -215,8 +215,8 @@ class Parser:
             if isinstance(value, str):
                 value = self._number(column, value)
             if isinstance(value, bool) or not isinstance(value, int | float | None):
-                raise BrokenLineError(f"column {column}: {value!r} is not a number")
-            values.append(NAN if value is None else float(value))
+                raise BrokenLineError(f"column {column}: {one_line(repr(value), 40)} is not a number")
+            values.append(NAN if value is None else _float(value))
         return self._sample(values)
 
     # --- both ---
@@ -225,7 +225,7 @@ class Parser:
         """Values in SI units, what is beyond its limit as missing; None for a line without any value."""
         t, v, i, x, pitch, w = (value * f for value, f in zip(values, self.factors, strict=True))
         most = self.limits
-        if not math.isfinite(t):
+        if not abs(t) <= most[0]:
             if v != v and i != i and x != x:
                 return None
             t = NAN
@@ -239,6 +239,14 @@ class Parser:
             pitch if abs(pitch) <= most[4] else NAN,
             w if abs(w) <= most[5] else NAN,
         )
+
+
+def _float(value: int | float) -> float:
+    """As a float; a whole number beyond the largest one is infinite, as it is in a text."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _is_number(text: str) -> bool:
@@ -261,14 +269,14 @@ class Clock:
         self.waiting: list[Row] = []
         self.astray: Row | None = None
 
-    def take(self, row: Row, say: Callable[[str], None]) -> Iterator[Row | None]:
+    def take(self, row: Row, say: Say) -> Iterator[Row | None]:
         """The samples that are now in order; None in front of those of a clock that begins anew."""
         if row.t < self.last:
             yield from self._backward(row, say)
             return
         if self.astray is not None and row.t > self.last:
             self._drop_astray(say)
-        yield from self._forward(row)
+        yield from self._forward(row, say)
 
     def passes(self, table: Array) -> bool:
         """Take samples (n, 6) at once if they are in order as they stand: complete, later than the last, nothing waits."""
@@ -281,30 +289,31 @@ class Clock:
         self.last = self.complete.t
         return True
 
-    def finish(self, say: Callable[[str], None]) -> Iterator[Row]:
+    def finish(self, say: Say) -> Iterator[Row]:
         """What still waits when no more will come: without a time of their own samples are dropped."""
         if self.astray is not None:
             self._drop_astray(say)
-        yield from self._flushed()
+        yield from self._flushed(say)
 
-    def _backward(self, row: Row, say: Callable[[str], None]) -> Iterator[Row | None]:
+    def _backward(self, row: Row, say: Say) -> Iterator[Row | None]:
         before, self.astray = self.astray, row
         if before is None or row.t == before.t:
             return
         if row.t < before.t:
-            say(f"the time {before.t:.9g} s is before {self.last:.9g} s: sample left out")
+            say(f"the time {before.t:.9g} s is before {self.last:.9g} s: sample left out", 1)
             return
-        self.last, self.complete, self.waiting, self.astray = NAN, None, [], None
+        yield from self._flushed(say)
+        self.last, self.complete, self.astray = NAN, None, None
         yield None
-        yield from self._forward(before)
-        yield from self._forward(row)
+        yield from self._forward(before, say)
+        yield from self._forward(row, say)
 
-    def _drop_astray(self, say: Callable[[str], None]) -> None:
+    def _drop_astray(self, say: Say) -> None:
         if self.astray is not None:
-            say(f"the time {self.astray.t:.9g} s is before {self.last:.9g} s: sample left out")
+            say(f"the time {self.astray.t:.9g} s is before {self.last:.9g} s: sample left out", 1)
         self.astray = None
 
-    def _forward(self, row: Row) -> Iterator[Row]:
+    def _forward(self, row: Row, say: Say) -> Iterator[Row]:
         t, pitch, w = row.t, row.pitch, row.w_cmd
         if t > self.last or (self.last != self.last and t == t):
             self.last = t
@@ -316,12 +325,13 @@ class Clock:
                 self.complete = row
                 return
         elif self.last != self.last:
-            return  # nothing is known before the first time
+            say("no time, and none before it: sample left out", 1)
+            return
         else:
             row = Row(NAN, NAN, NAN, NAN, pitch, w)
         self.waiting.append(row)
         if len(self.waiting) >= MOST_HELD:
-            yield from self._flushed()
+            yield from self._flushed(say)
 
     def _placed(self, row: Row) -> Iterator[Row]:
         """Those that waited, between the last complete sample and this one, as `cleaning.py` does it."""
@@ -336,9 +346,12 @@ class Clock:
         for values in table[1 if self.complete else 0 :].tolist():
             yield Row(*values)
 
-    def _flushed(self) -> Iterator[Row]:
-        """Those that waited too long: with the last pitch and command known, or zero."""
+    def _flushed(self, say: Say) -> Iterator[Row]:
+        """Those that waited too long: with the last pitch and command known, or zero; without a time they are left out."""
         rows, self.waiting = self.waiting, []
+        lost = sum(row.t != row.t for row in rows)
+        if lost:
+            say(f"no time of their own, and none soon after: {lost} samples left out", lost)
         _, _, _, _, pitch, w = self.complete or Row(NAN, NAN, NAN, NAN, 0.0, 0.0)
         for row in rows:
             pitch = pitch if row.pitch != row.pitch else row.pitch

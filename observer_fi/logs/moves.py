@@ -1,11 +1,13 @@
 """A log cut into moves: where each begins and ends, its phases, and what the moves excite together."""
 
 from enum import IntEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.numerics import constant_runs, runs
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
@@ -46,24 +48,12 @@ def segments(t: Array, w_cmd: Array, pitch: Array | None = None) -> tuple[Segmen
     t, w_cmd, pitch: (n,) s, rad/s, deg; pitch 0 if None. A rest between two moves is cut in its middle. A log
     may begin or end in a move. A change of sign without rest splits a move there.
     """
-    signs = _signs(t, w_cmd)
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(signs)) + 1, [signs.size]))
-    runs = [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if a < b and signs[a] != 0]
-    cuts = [
-        0,
-        *((stop + start) // 2 for (_, stop), (start, _) in zip(runs[:-1], runs[1:], strict=True)),
-        t.size,
-    ]
+    ways = _one_way(t, w_cmd)
+    between = [(stop + start) // 2 for (_, stop), (start, _) in pairwise(ways)]
+    cuts = [0, *between, t.size]
     return tuple(
-        Segment(
-            cuts[k],
-            start,
-            stop,
-            cuts[k + 1],
-            float(w_cmd[start + int(np.argmax(np.abs(w_cmd[start:stop])))]),
-            0.0 if pitch is None else float(np.mean(pitch[start:stop])),
-        )
-        for k, (start, stop) in enumerate(runs)
+        Segment(cuts[k], start, stop, cuts[k + 1], _peak(w_cmd, start, stop), _mean_pitch(pitch, start, stop))
+        for k, (start, stop) in enumerate(ways)
     )
 
 
@@ -72,14 +62,46 @@ def log_segments(log: Log) -> tuple[Segment, ...]:
     return segments(log.t, log.w_cmd, log.pitch)
 
 
+def moves_from_rest(log: Log) -> tuple[Segment, ...]:
+    """The moves of a log as a simulation from rest takes them: a reversal without rest goes on with the move before it.
+
+    A move starts at its last sample at rest, and the rests before and after it belong to it whole. Its peak is that of its
+    last way.
+    """
+    ways = _one_way(log.t, log.w_cmd)
+    after_rest = [k for k, (start, _) in enumerate(ways) if k == 0 or start > ways[k - 1][1]]
+    last = [k - 1 for k in after_rest[1:]] + [len(ways) - 1]
+    starts = [max(ways[k][0] - 1, 0) for k in after_rest]
+    stops = [ways[k][1] for k in last] if ways else []
+    rests, ends = [0, *stops[:-1]], [*starts[1:], log.t.size]
+    return tuple(
+        Segment(rest, start, stop, end, _peak(log.w_cmd, *ways[k]), _mean_pitch(log.pitch, start, stop))
+        for rest, start, stop, end, k in zip(rests, starts, stops, ends, last, strict=False)
+    )
+
+
+def _one_way(t: Array, w_cmd: Array) -> list[tuple[int, int]]:
+    """(first row, row after the last) of every stretch in which the command goes one way."""
+    signs = _signs(t, w_cmd)
+    return [(a, b) for a, b in constant_runs(signs) if signs[a] != 0]
+
+
+def _peak(w_cmd: Array, start: int, stop: int) -> float:
+    """The fastest command of a stretch [rad/s], with its sign."""
+    return float(w_cmd[start + int(np.argmax(np.abs(w_cmd[start:stop])))])
+
+
+def _mean_pitch(pitch: Array | None, start: int, stop: int) -> float:
+    return 0.0 if pitch is None else float(np.mean(pitch[start:stop]))
+
+
 def _signs(t: Array, w_cmd: Array) -> Signs:
     """(n,) direction of the command, 0 at rest; short pauses are filled and short blips removed."""
     speed = np.abs(w_cmd)
     quiet = max(QUIET_SPEED, QUIET_SHARE * float(speed.max(initial=0.0)))
     signs: Signs = np.where(speed > quiet, np.sign(w_cmd), 0.0).astype(np.int8)
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(signs)) + 1, [signs.size]))
     blip = 20.0 * quiet
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in constant_runs(signs):
         if b == signs.size or a == 0 or t[b] - t[a] >= SHORTEST_S or signs[a - 1] != signs[b]:
             continue
         if signs[a] == 0 or speed[a:b].max() < blip:
@@ -119,13 +141,29 @@ def phases(segment: Segment, t: Array, w_cmd: Array, z: Array, model: Model) -> 
     return codes
 
 
+def log_phases(log: Log, model: Model) -> NDArray[np.int8]:
+    """(n,) the `Phase` of every sample of a log; a stop lasts until the loop has settled or the next move starts."""
+    codes = np.full(log.t.size, Phase.REST, dtype=np.int8)
+    moves = log_segments(log)
+    ends = [*(move.start for move in moves[1:]), log.t.size]
+    for move, end in zip(moves, ends, strict=False):
+        whole = move._replace(rest=move.start, end=end)
+        codes[whole.rest : whole.end] = phases(whole, log.t, log.w_cmd, log.z, model)
+    return codes
+
+
+def mean_square_by_phase(r: Array, codes: NDArray[np.int8]) -> dict[str, Array]:
+    """Mean square (C,) of a residual r (n, C) in every phase that occurs, by name; codes: (n,) `Phase`."""
+    return {p.name.lower(): np.mean(r[codes == p] ** 2, axis=0) for p in Phase if (codes == p).any()}
+
+
 def _brake(speed: Array, start: int, stop: int) -> int:
     """First sample of the ramp that ends the move; `stop` where the log ends before it."""
     if stop == speed.size and (stop - start < 2 or speed[stop - 1] >= speed[stop - 2] * (1.0 - 1e-6)):
         return stop
     falling = np.diff(speed[start:stop]) < -1e-6 * speed[start:stop].max()
-    held = np.flatnonzero(~falling)
-    return start + (int(held[-1]) + 1 if held.size else 0)
+    level = np.flatnonzero(~falling)
+    return start + (int(level[-1]) + 1 if level.size else 0)
 
 
 def _ramps(t: Array, speed: Array, start: int, brake: int, accel: float) -> list[tuple[int, int]]:
@@ -135,9 +173,7 @@ def _ramps(t: Array, speed: Array, start: int, brake: int, accel: float) -> list
     changing = np.abs(np.diff(speed[start:brake])) > 0.01 * accel * np.diff(t[start:brake])
     if start > 0:
         changing[0] = True  # the command left zero before its first sample
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], changing, [False])).astype(np.int8)))
-    pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [(start + int(a), start + int(b)) for a, b in pairs]
+    return [(start + int(a), start + int(b)) for a, b in zip(*runs(changing), strict=True)]
 
 
 def excitation(log: Log, moves: tuple[Segment, ...], model: Model) -> Excitation:

@@ -1,8 +1,8 @@
 """A file as blocks of numbers, whatever its format: the types that readers return, and what they share."""
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,26 +31,62 @@ NO_VALUE = (
 )
 
 
+@dataclass
+class RowCount:
+    """Rows that a reader has passed in the file, however it uses them; after the last block all rows of the file."""
+
+    rows: int = 0
+
+
+LISTED = 1000  # entries kept of each list: enough to see a pattern, and a day of broken samples stays small
+
+
+class LeftOut(NamedTuple):
+    """Rows of the file that are no samples: the first `LISTED` of them with their reasons, and how many there are."""
+
+    entries: tuple[Rejected, ...] = ()
+    total: int = 0
+
+
+NONE = LeftOut()
+
+
+def left_out_rows(entries: Iterable[Rejected]) -> LeftOut:
+    """All rows that were left out of a block."""
+    listed = tuple(sorted(entries))
+    return LeftOut(listed[:LISTED], len(listed))
+
+
+def together(parts: Iterable[LeftOut]) -> LeftOut:
+    """What was left out of several blocks, in order."""
+    parts = list(parts)
+    entries = [entry for part in parts for entry in part.entries]
+    return LeftOut(tuple(entries[:LISTED]), sum(part.total for part in parts))
+
+
 class Block(NamedTuple):
     """Consecutive rows: numbers in the file, values by column in the file's units, and rows left out."""
 
     rows: NDArray[np.int64]
     values: dict[str, Array]
-    left_out: tuple[Rejected, ...] = ()
+    left_out: LeftOut = NONE
 
 
 @dataclass(frozen=True)
 class Table:
     """An opened file: the columns of the contract it holds, and how to read `n` rows at a time.
 
-    first_line: line of the first row in a text file, else None.
+    count: what the reader says it passed, against which samples and rows left out are held. first_line: line of the first
+    row in a text file, else None. remarks: notes that come up while the rows are read.
     """
 
     columns: tuple[str, ...]
     blocks: Callable[[int], Iterator[Block]]
+    count: RowCount
     metadata: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     first_line: int | None = None
+    remarks: list[str] = field(default_factory=list)
 
 
 def positions(
@@ -63,7 +99,18 @@ def positions(
     for column in (*REQUIRED, *column_map.columns):
         if column not in at and column not in known and not (column == "current_a" and drive_by_force):
             raise missing_column(path, column, headers, column_map)
+    for column, index in at.items():
+        others = [other for other, k in at.items() if k == index and other != column]
+        if others:
+            raise InvalidLogError(
+                f"{path}: header {headers[index]!r} stands for {column} and for {others[0]}; map one of them to another header"
+            )
     return at
+
+
+def shown_name(column: str, header: str) -> str:
+    """A column in messages, with its header if that is another."""
+    return column if column == header else f"{column} (header {header!r})"
 
 
 def _position(path: str, headers: list[str], wanted: str) -> int | None:
@@ -113,15 +160,15 @@ def regrouped(blocks: Iterator[Block], rows: int) -> Iterator[Block]:
         while count + block.rows.size - start >= rows:
             stop = start + rows - count
             yield joined_blocks([*held, _cut(block, start, stop, left_out)])
-            held, count, start, left_out = [], 0, stop, ()
-        if start < block.rows.size or left_out:
+            held, count, start, left_out = [], 0, stop, NONE
+        if start < block.rows.size or left_out.total:
             held.append(_cut(block, start, block.rows.size, left_out))
             count += block.rows.size - start
     if held:
         yield joined_blocks(held)
 
 
-def _cut(block: Block, start: int, stop: int, left_out: tuple[Rejected, ...]) -> Block:
+def _cut(block: Block, start: int, stop: int, left_out: LeftOut) -> Block:
     return Block(block.rows[start:stop], {name: v[start:stop] for name, v in block.values.items()}, left_out)
 
 
@@ -132,5 +179,5 @@ def joined_blocks(blocks: list[Block]) -> Block:
     return Block(
         np.concatenate([block.rows for block in blocks]),
         {name: np.concatenate([block.values[name] for block in blocks]) for name in blocks[0].values},
-        tuple(item for block in blocks for item in block.left_out),
+        together(block.left_out for block in blocks),
     )

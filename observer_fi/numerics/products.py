@@ -54,23 +54,23 @@ def self_gram(A: Array) -> Array:
     return _self_gram(np.ascontiguousarray(A))
 
 
-def along(A: Array, y: Array) -> Array:
+def matvec(A: Array, y: Array) -> Array:
     """A y for rows A (k, n) and y (n,)."""
     return gram(A, y[None])[:, 0]
 
 
 @compiled
-def less(y: Array, w: Array, A: Array) -> None:
+def subtract_rows(y: Array, w: Array, A: Array) -> None:
     """y - w A, in place, for y (n,), weights w (k,) and rows A (k, n)."""
     for i in range(A.shape[0]):
         for m in range(y.size):
             y[m] -= w[i] * A[i, m]
 
 
-def square(y: Array) -> float:
+def sum_of_squares(y: Array) -> float:
     """Sum of squares of an array of any shape."""
     flat = y.reshape(1, -1)
-    return float(along(flat, flat[0])[0])
+    return float(matvec(flat, flat[0])[0])
 
 
 def orthonormal(A: Array) -> Array:
@@ -82,5 +82,5 @@ def orthonormal(A: Array) -> Array:
     weights = vectors[:, good].T / np.sqrt(values[good])[:, None] / length
     out = np.zeros((int(good.sum()), A.shape[1]))
     for row, w in zip(out, weights, strict=True):
-        less(row, -w, A)
+        subtract_rows(row, -w, A)
     return out

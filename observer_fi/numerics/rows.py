@@ -2,7 +2,7 @@
 
 LLVM finds no vectors in loops over so few numbers in arrays that might overlap; here they are said. In plain Python a row
 is a numpy array, which has the same operators. Functions of numbers take rows as well, so that an equation written with
-them, and with `above` for its choices, runs on one log or on several side by side.
+them, and with `where_above` for its choices, runs on one log or on several side by side.
 """
 
 import math
@@ -14,16 +14,16 @@ MOST = 8
 Wide = tuple[int, ...]  # as many zeros as a row has numbers: the compiler knows the length of a tuple
 
 
-def room(count: int) -> Any:
+def aligned_empty(count: int) -> Any:
     """Memory for so many numbers, the first where a row may stand: rows that cross a cache line take twice as long."""
     memory = np.empty(count + MOST)
     first = (-memory.ctypes.data // 8) % MOST
     return memory[first : first + count]
 
 
-def aligned(a: Any) -> Any:
+def aligned_copy(a: Any) -> Any:
     """A copy of an array in such memory."""
-    out = room(a.size).reshape(a.shape)
+    out = aligned_empty(a.size).reshape(a.shape)
     out[...] = a
     return out
 
@@ -60,32 +60,32 @@ def sqrt(u: Any) -> Any:
         return np.sqrt(u)
 
 
-def above(u: Any, v: Any, yes: Any, no: Any) -> Any:
+def where_above(u: Any, v: Any, yes: Any, no: Any) -> Any:
     """yes where u is above v, else no (also where one of the two is no number)."""
     return np.where(u > v, yes, no)[()]
 
 
-def larger(u: Any, v: Any) -> Any:
+def maximum(u: Any, v: Any) -> Any:
     """The larger of two; the second where one is no number."""
-    return above(u, v, u, v)
+    return where_above(u, v, u, v)
 
 
-def signed(size: Any, like: Any) -> Any:
+def copysign(size: Any, like: Any) -> Any:
     """`size` with the sign bit of `like`."""
     return np.copysign(size, like)
 
 
-def some(u: Any) -> bool:
+def any_of(u: Any) -> bool:
     """Whether a number, or any of a row, is not zero. What follows must leave the zeros of a row as they are."""
     return bool(np.any(u))
 
 
-def seldom(u: Any) -> bool:
-    """As `some`, for what most samples do without: the compiler keeps what it needs out of the way."""
-    return some(u)
+def any_of_rare(u: Any) -> bool:
+    """As `any_of`, for what most samples do without: the compiler keeps what it needs out of the way."""
+    return any_of(u)
 
 
-def nothing(like: Any) -> Any:
+def zeros_like(like: Any) -> Any:
     """Zero: a number, or a row."""
     return np.zeros_like(like)[()]
 

@@ -98,7 +98,7 @@ class _Either(AbstractTemplate):
         )
 
 
-class _Some(AbstractTemplate):
+class _AnyOf(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         return signature(types.boolean, args[0] if isinstance(args[0], RowType) else types.float64)
 
@@ -119,13 +119,13 @@ infer_global(rows.load)(_typed(lambda args: _row_type(args[2]) if _is_place(args
 infer_global(rows.dot)(_typed(lambda args: types.float64))
 infer_global(rows.zeros)(_typed(lambda args: _row_type(args[0])))
 infer_global(rows.side_by_side)(_typed(_side_type))
-infer_global(rows.some)(_Some)
-infer_global(rows.seldom)(_Some)
+infer_global(rows.any_of)(_AnyOf)
+infer_global(rows.any_of_rare)(_AnyOf)
 for _function in (
-    rows.above,
-    rows.larger,
-    rows.signed,
-    rows.nothing,
+    rows.where_above,
+    rows.maximum,
+    rows.copysign,
+    rows.zeros_like,
     rows.exp,
     rows.log,
     rows.sqrt,
@@ -274,7 +274,7 @@ for _kinds in ((RowType, RowType), (RowType, types.Float), (types.Float, RowType
     lower_builtin(operator.pow, *_kinds)(_each(operator.pow))
 lower_builtin(operator.neg, RowType)(_instruction("fneg"))
 lower_builtin(abs, RowType)(_intrinsic("fabs"))
-lower_builtin(rows.signed, types.Any, types.Any)(_intrinsic("copysign"))
+lower_builtin(rows.copysign, types.Any, types.Any)(_intrinsic("copysign"))
 for _function, _scalar in ((rows.tanh, math.tanh), (rows.sin, math.sin), (rows.cos, math.cos)):
     lower_builtin(_function, types.Any)(_each(_scalar))
 lower_builtin(rows.floor, types.Any)(_intrinsic("floor"))
@@ -283,27 +283,27 @@ lower_builtin(rows.exp, types.Float)(_each(math.exp))
 lower_builtin(rows.log, types.Float)(_each(math.log))
 
 
-@lower_builtin(rows.above, types.Any, types.Any, types.Any, types.Any)
+@lower_builtin(rows.where_above, types.Any, types.Any, types.Any, types.Any)
 @_alike
-def _above(context: Any, builder: Any, form: Any, u: Any, v: Any, yes: Any, no: Any) -> Any:
+def _where_above(context: Any, builder: Any, form: Any, u: Any, v: Any, yes: Any, no: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", u, v), yes, no)
 
 
-@lower_builtin(rows.larger, types.Any, types.Any)
+@lower_builtin(rows.maximum, types.Any, types.Any)
 @_alike
-def _larger(context: Any, builder: Any, form: Any, u: Any, v: Any) -> Any:
+def _maximum(context: Any, builder: Any, form: Any, u: Any, v: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", u, v), u, v)
 
 
-@lower_builtin(rows.nothing, types.Any)
+@lower_builtin(rows.zeros_like, types.Any)
 @lower_builtin(rows.zeros, types.BaseTuple)
 def _zeros(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _constant(_register(sig.return_type), 0.0)
 
 
-@lower_builtin(rows.seldom, types.Any)
-def _seldom(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    found = _some(context, builder, sig, args)
+@lower_builtin(rows.any_of_rare, types.Any)
+def _any_of_rare(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    found = _any_of(context, builder, sig, args)
     bit = ir.IntType(1)
     expect = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(bit, [bit, bit]), "llvm.expect.i1"
@@ -311,8 +311,8 @@ def _seldom(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.call(expect, [found, ir.Constant(bit, 0)])
 
 
-@lower_builtin(rows.some, types.Any)
-def _some(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+@lower_builtin(rows.any_of, types.Any)
+def _any_of(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     form = args[0].type
     found = builder.fcmp_unordered("!=", args[0], _constant(form, 0.0))
     if form == _DOUBLE:

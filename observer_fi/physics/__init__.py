@@ -1,9 +1,9 @@
 """The equations of the actuator, rigs, faults, effects, the command between samples, and the simulation."""
 
-from observer_fi.physics import equations, paper_residuals, rigs, simulation
+from observer_fi.physics import equations, linear, paper_residuals, plant, rigs, simulation
 from observer_fi.physics.command import corners
 from observer_fi.physics.drives import DRIVES, Drive
-from observer_fi.physics.effects import CAUSES, Cause, Term, Variant
+from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Cause, Coverage, Term, Variant, bounds
 from observer_fi.physics.empirical_curve import (
     ANGLES,
     FRAME,
@@ -21,6 +21,7 @@ from observer_fi.physics.faults import (
     FAULTS,
     LABELS,
     NOMINAL,
+    NOT_TESTED,
     OPEN_LOOP,
     UNKNOWN,
     FaultRow,
@@ -33,11 +34,12 @@ from observer_fi.physics.faults import (
     mode_of,
     words_of,
 )
-from observer_fi.physics.paper_residuals import sensor_std
+from observer_fi.physics.paper_residuals import sensor_std, speed
 from observer_fi.physics.rigs import (
     Model,
     Quantity,
     Rig,
+    commanded,
     load_rig,
     override,
     rig_toml,
@@ -63,6 +65,7 @@ __all__ = [
     "FaultRow",
     "LABELS",
     "NOMINAL",
+    "NOT_TESTED",
     "OPEN_LOOP",
     "OwnState",
     "UNKNOWN",
@@ -76,14 +79,17 @@ __all__ = [
     "ANGLES",
     "CAUSES",
     "Cause",
+    "Coverage",
     "Curve",
     "D",
     "FAULTS",
+    "FORCE",
     "FRAME",
     "Fault",
     "INDEX",
     "J",
     "MOST_POINTS",
+    "MOVES",
     "Model",
     "Move",
     "NAMES",
@@ -96,6 +102,8 @@ __all__ = [
     "VMAX",
     "Variant",
     "applied_torque",
+    "bounds",
+    "commanded",
     "corners",
     "csv_bytes",
     "curve_of",
@@ -103,15 +111,18 @@ __all__ = [
     "equations",
     "is_curve",
     "is_possible",
+    "linear",
     "load_rig",
     "override",
     "paper_residuals",
     "parameters",
+    "plant",
     "quarters",
     "rig_toml",
     "rigs",
     "sensor_std",
     "simulation",
+    "speed",
     "synthesise",
     "to_table",
     "unknown_name",

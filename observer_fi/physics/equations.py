@@ -9,13 +9,25 @@ h relative rise of the winding resistance [1], sag drop of the supply [V], p par
 `PARAMETERS`, SI units (torque in N m, pitch in degrees).
 
 Every function takes and returns numbers, so that numba can compile it and plain Python can run it; or rows of numbers
-(`rows.py`), one of each log side by side. A branch is only a short cut: `seldom` asks whether any log needs what follows,
+(`rows.py`), one of each log side by side. A branch is only a short cut: `any_of_rare` asks whether any log needs what follows,
 which changes nothing for the others.
 """
 
 import math
 
-from observer_fi.numerics import above, cos, exp, floor, inlined, larger, nothing, seldom, signed, sin, tanh
+from observer_fi.numerics import (
+    any_of_rare,
+    copysign,
+    cos,
+    exp,
+    floor,
+    inlined,
+    maximum,
+    sin,
+    tanh,
+    where_above,
+    zeros_like,
+)
 
 # name: (unit, neutral value or None for the sixteen of Table 1 that every rig gives)
 PARAMETERS: dict[str, tuple[str, float | None]] = {
@@ -78,6 +90,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "input_delay": ("s", 0.0),
     "integrator_limit": ("rad", math.inf),
     "accel_limit": ("rad/s^2", math.inf),
+    "Kx": ("1/s", 0.0),
+    "x_window": ("m", 0.0),
     # kinematics
     "backlash": ("m", 0.0),
     "slip": ("1", 0.0),
@@ -167,6 +181,8 @@ VECTOR_SIZE = len(NAMES) + 1
     INPUT_DELAY,
     INTEGRATOR_LIMIT,
     ACCEL_LIMIT,
+    KX,
+    X_WINDOW,
     BACKLASH,
     SLIP,
     SLIP_PER_TORQUE,
@@ -209,7 +225,7 @@ def is_curve_of(what, p):
 @inlined
 def is_code(given, code):
     """1 where two small whole numbers are the same, else 0."""
-    return above(0.5, abs(given - code), 1.0, 0.0)
+    return where_above(0.5, abs(given - code), 1.0, 0.0)
 
 
 @inlined
@@ -220,13 +236,13 @@ def curve_value(r, p):
     """
     turns, last = is_code(p[CURVE_OVER], SHAFT_ANGLE) + is_code(p[CURVE_OVER], SCREW_ANGLE), p[CURVE_LAST]
     u = (r - p[CURVE_FIRST]) / p[CURVE_STEP]
-    u = above(turns, 0.5, u - last * floor(u / last), above(u, last, last, larger(u, 0.0)))
-    value = nothing(u)
+    u = where_above(turns, 0.5, u - last * floor(u / last), where_above(u, last, last, maximum(u, 0.0)))
+    value = zeros_like(u)
     for k in range(MOST_POINTS):
         away = abs(u - float(k))
         around = abs(last - away)
-        away = above(turns, 0.5, above(away, around, around, away), away)
-        value += p[CURVE + k] * larger(1.0 - away, 0.0)
+        away = where_above(turns, 0.5, where_above(away, around, around, away), away)
+        value += p[CURVE + k] * maximum(1.0 - away, 0.0)
     return value
 
 
@@ -253,7 +269,7 @@ def curve_drop(i, w, p):
 @inlined
 def sign_of(w):
     """Sign of motion, 0 at rest."""
-    return above(w, 0.0, 1.0, above(0.0, w, -1.0, nothing(w)))
+    return where_above(w, 0.0, 1.0, where_above(0.0, w, -1.0, zeros_like(w)))
 
 
 @inlined
@@ -278,14 +294,14 @@ def limited_current(i_cmd, w, h, sag, p):
     R = p[RM] * (1.0 + h) + p[RS]
     limit = p[VMAX] - sag
     emf = p[KM] * w
-    if seldom(p[EXTENDED]) and seldom(p[BRUSH_DROP]):
+    if any_of_rare(p[EXTENDED]) and any_of_rare(p[BRUSH_DROP]):
         emf += p[BRUSH_DROP] * tanh(i_cmd / p[BRUSH_CURRENT])
     i = driven_current(i_cmd, emf, R, limit)
-    if seldom(p[EXTENDED]):
-        kept = is_curve_of(RESISTANCE, p)
-        if seldom(kept):
+    if any_of_rare(p[EXTENDED]):
+        has_curve = is_curve_of(RESISTANCE, p)
+        if any_of_rare(has_curve):
             for _ in range(2):  # the drop is that of the current without it, then of the current with that
-                i = driven_current(i_cmd, emf + kept * curve_drop(i, w, p), R, limit)
+                i = driven_current(i_cmd, emf + has_curve * curve_drop(i, w, p), R, limit)
     return i
 
 
@@ -294,8 +310,8 @@ def driven_current(i_cmd, emf, R, limit):
     """Equation 5 solved for the current: the command, or what the limit of the supply leaves over the resistance [A]."""
     V = R * i_cmd + emf
     i = i_cmd
-    if seldom(above(abs(V), limit, 1.0, 0.0)):
-        i = above(V, limit, (limit - emf) / R, above(-limit, V, (-limit - emf) / R, i))
+    if any_of_rare(where_above(abs(V), limit, 1.0, 0.0)):
+        i = where_above(V, limit, (limit - emf) / R, where_above(-limit, V, (-limit - emf) / R, i))
     return i
 
 
@@ -303,56 +319,58 @@ def driven_current(i_cmd, emf, R, limit):
 def terminal_voltage(i, w, h, p):
     """Equation 15 with equation 2: V - Rs i = Rm i + Km w [V]."""
     V = p[RM] * (1.0 + h) * i + p[KM] * w
-    if seldom(p[EXTENDED]) and seldom(p[BRUSH_DROP]):
+    if any_of_rare(p[EXTENDED]) and any_of_rare(p[BRUSH_DROP]):
         V += p[BRUSH_DROP] * tanh(i / p[BRUSH_CURRENT])
-    if seldom(p[EXTENDED]):
-        kept = is_curve_of(RESISTANCE, p)
-        if seldom(kept):
-            V += kept * curve_drop(i, w, p)
+    if any_of_rare(p[EXTENDED]):
+        has_curve = is_curve_of(RESISTANCE, p)
+        if any_of_rare(has_curve):
+            V += has_curve * curve_drop(i, w, p)
     return V
 
 
-@inlined
-def measured_speed(V, i, p):
-    """Equation 16: (V - Rm i) / Km [rad/s]."""
+def speed_behind_readings(V, i, p):
+    """Equation 16: (V - Rm i) / Km [rad/s]; of numbers or arrays."""
     return (V - p[RM] * i) / p[KM]
+
+
+measured_speed = inlined(speed_behind_readings)
 
 
 @inlined
 def friction(w, x, theta, p):
     """Friction torque for motion at full slip, without its sign [N m] (A of equation 7, A' of equation 13)."""
     drag = p[COUPLING] * p[A] + (1.0 - p[COUPLING]) * p[A_DECOUPLED]
-    if seldom(p[EXTENDED]):
-        if seldom(p[STRIBECK_TORQUE]):
+    if any_of_rare(p[EXTENDED]):
+        if any_of_rare(p[STRIBECK_TORQUE]):
             ratio = w / p[STRIBECK_SPEED]
             drag += p[STRIBECK_TORQUE] * exp(-ratio * ratio)
         pitch = theta + p[PITCH_OFFSET]
         along = p[LOAD_FRICTION] * abs(p[B] * pitch) + (p[FRICTION_SLOPE] + p[FRICTION_CURVATURE] * x) * x
-        if seldom(p[FRICTION_BUMP]):
+        if any_of_rare(p[FRICTION_BUMP]):
             off = (x - p[BUMP_POSITION]) / p[BUMP_WIDTH]
             along += p[FRICTION_BUMP] * exp(-off * off)
-        if seldom(p[GRAVITY_COSINE]):
+        if any_of_rare(p[GRAVITY_COSINE]):
             along += p[GRAVITY_COSINE] * p[A] * (cos(DEGREE * pitch) - 1.0)
         drag += p[COUPLING] * along
-        kept = is_curve_of(DRAG, p)
-        if seldom(kept):
-            drag += kept * curve_torque(w, x, nothing(x), theta, p)
-    return larger(drag, 0.0)
+        has_curve = is_curve_of(DRAG, p)
+        if any_of_rare(has_curve):
+            drag += has_curve * curve_torque(w, x, zeros_like(x), theta, p)
+    return maximum(drag, 0.0)
 
 
 @inlined
 def stop_torque(w, d, p):
     """Restoring torque of a stop, C d^2 against the indentation (equation 11, mirrored) [N m]."""
-    torque = nothing(p[C] * d)
-    if seldom(d):
+    torque = zeros_like(p[C] * d)
+    if any_of_rare(d):
         depth = abs(d)
         torque = p[C] * depth * depth
-        if seldom(p[EXTENDED]):
-            if seldom(p[CONTACT_EXPONENT] - 2.0):
+        if any_of_rare(p[EXTENDED]):
+            if any_of_rare(p[CONTACT_EXPONENT] - 2.0):
                 torque *= (depth / CONTACT_DEPTH) ** (p[CONTACT_EXPONENT] - 2.0)
-            torque += (p[CONTACT_DAMPING] * depth + p[CONTACT_DRAG]) * w * signed(1.0, d)
-            torque = above(depth, 0.0, larger(torque, 0.0), 0.0)  # a stop pushes and never pulls
-        torque = signed(torque, d)
+            torque += (p[CONTACT_DAMPING] * depth + p[CONTACT_DRAG]) * w * copysign(1.0, d)
+            torque = where_above(depth, 0.0, maximum(torque, 0.0), 0.0)  # a stop pushes and never pulls
+        torque = copysign(torque, d)
     return torque
 
 
@@ -360,22 +378,22 @@ def stop_torque(w, d, p):
 def load_torque(w, x, d, phi, theta, p):
     """The part of the applied torque that has no friction sign: gravity, stops, viscous drag, ripple [N m]."""
     torque = p[COUPLING] * p[B] * theta + stop_torque(w, d, p)
-    if seldom(p[EXTENDED]):
+    if any_of_rare(p[EXTENDED]):
         tilt = p[PITCH_OFFSET]
         pitch = theta + tilt
         torque += p[COUPLING] * (
             p[B] * tilt + (p[GRAVITY_QUADRATIC] * abs(pitch) + p[GRAVITY_CUBIC] * pitch * pitch) * pitch
         )
-        torque += above(w, 0.0, p[VISCOUS_POSITIVE], p[VISCOUS_NEGATIVE]) * w + p[TORQUE_OFFSET]
-        if seldom(p[SHAFT_RIPPLE_SIN]) or seldom(p[SHAFT_RIPPLE_COS]):
+        torque += where_above(w, 0.0, p[VISCOUS_POSITIVE], p[VISCOUS_NEGATIVE]) * w + p[TORQUE_OFFSET]
+        if any_of_rare(p[SHAFT_RIPPLE_SIN]) or any_of_rare(p[SHAFT_RIPPLE_COS]):
             shaft = p[SHAFT_ORDER] * phi
             torque += p[SHAFT_RIPPLE_SIN] * sin(shaft) + p[SHAFT_RIPPLE_COS] * cos(shaft)
-        if seldom(p[SCREW_RIPPLE_SIN]) or seldom(p[SCREW_RIPPLE_COS]):
+        if any_of_rare(p[SCREW_RIPPLE_SIN]) or any_of_rare(p[SCREW_RIPPLE_COS]):
             screw = phi * p[D] * 2.0 * math.pi / p[SCREW_LEAD]
             torque += p[COUPLING] * (p[SCREW_RIPPLE_SIN] * sin(screw) + p[SCREW_RIPPLE_COS] * cos(screw))
-        kept = is_curve_of(TORQUE, p)
-        if seldom(kept):
-            torque += kept * curve_torque(w, x, phi, theta, p)
+        has_curve = is_curve_of(TORQUE, p)
+        if any_of_rare(has_curve):
+            torque += has_curve * curve_torque(w, x, phi, theta, p)
     return torque
 
 
@@ -383,7 +401,7 @@ def load_torque(w, x, d, phi, theta, p):
 def applied_torque(s, w, x, d, phi, theta, p):
     """Equations 7, 11 and 13: friction with the sign of motion s, plus load [N m]."""
     drag = friction(w, x, theta, p)
-    if seldom(p[EXTENDED]):
+    if any_of_rare(p[EXTENDED]):
         drag += p[FRICTION_ASYMMETRY] * s
     return s * drag + load_torque(w, x, d, phi, theta, p)
 
@@ -404,9 +422,9 @@ def acceleration(i, torque, p):
 def mass_speed(w, d, torque, p):
     """dx/dt: D w (equation 8), D (1 - E) w in contact (equation 10), 0 decoupled (equation 12) [m/s]."""
     rate = p[COUPLING] * p[D] * w
-    if seldom(d) or seldom(p[CONTACT]):
-        rate *= 1.0 - above(abs(d) + abs(p[CONTACT]), 0.0, p[E], 0.0)
-    if seldom(p[EXTENDED]):
+    if any_of_rare(d) or any_of_rare(p[CONTACT]):
+        rate *= 1.0 - where_above(abs(d) + abs(p[CONTACT]), 0.0, p[E], 0.0)
+    if any_of_rare(p[EXTENDED]):
         rate *= 1.0 - p[SLIP] - p[SLIP_PER_TORQUE] * abs(torque)
     return rate
 
@@ -427,34 +445,25 @@ def sagging(i, sag, p):
 def indentation(x, p):
     """How far the mass is past a stop [m]: positive at the high end, negative at the low end, else 0."""
     high, low = p[X_STOP_HIGH], p[X_STOP_LOW]
-    return above(x, high, x - high, above(low, x, x - low, 0.0))
+    return where_above(x, high, x - high, where_above(low, x, x - low, 0.0))
 
 
 @inlined
-def shown_position(seen, p):
+def sensed_position(seen, p):
     """Gain and periodic error of the position sensor, for what has come through its lag and delay [m]."""
     turn = 2.0 * math.pi * seen / p[POSITION_PERIOD]
-    shown = p[POSITION_GAIN] * seen + p[POSITION_SIN] * sin(turn) + p[POSITION_COS] * (cos(turn) - 1.0)
-    kept = is_curve_of(SHOWN_POSITION, p)
-    if seldom(kept):
-        shown += kept * curve_value(seen, p)
-    return shown
-
-
-@inlined
-def position_reading(x, x_rate, p):
-    """What the absolute sensor shows of x, lag and delay to first order in the speed [m]."""
-    seen = x - (p[POSITION_DELAY] + p[POSITION_LAG]) * x_rate
-    if seldom(p[EXTENDED]):
-        seen = shown_position(seen, p)
-    return seen
+    reading = p[POSITION_GAIN] * seen + p[POSITION_SIN] * sin(turn) + p[POSITION_COS] * (cos(turn) - 1.0)
+    has_curve = is_curve_of(SHOWN_POSITION, p)
+    if any_of_rare(has_curve):
+        reading += has_curve * curve_value(seen, p)
+    return reading
 
 
 @inlined
 def current_reading(i, p):
     """What the current sensor shows of i [A]."""
-    shown = p[CURRENT_GAIN] * i + p[CURRENT_OFFSET]
-    kept = is_curve_of(SHOWN_CURRENT, p)
-    if seldom(kept):
-        shown += kept * curve_value(i, p)
-    return shown
+    reading = p[CURRENT_GAIN] * i + p[CURRENT_OFFSET]
+    has_curve = is_curve_of(SHOWN_CURRENT, p)
+    if any_of_rare(has_curve):
+        reading += has_curve * curve_value(i, p)
+    return reading

@@ -113,6 +113,7 @@ class FaultRow:
 
 
 NOMINAL, UNKNOWN, SENSOR = "nominal", "unknown", "sensor:"
+NOT_TESTED = "not_tested"  # no verdict, where a log holds nothing that could tell
 
 
 def table(*rows: FaultRow) -> Mapping[str, FaultRow]:
@@ -179,7 +180,7 @@ FAULTS = table(
         states=(OwnState("d", 0.0, 2e-6, 0.0), OwnState("C", 1.0, None, 0.0), OwnState("E", 1.0, None, 0.0)),
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
-            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.0),
+            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.05),
             OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
         ),
         live=True,
@@ -237,7 +238,7 @@ FAULTS = table(
         plant={"contact": 1.0, "C": 0.0},  # the mass moves as in contact, and meets nothing
         shares=_FRICTION_AND_GRAVITY,
         states=(),
-        sizes=(OwnState("E", 0.5, 0.4, 0.1, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
+        sizes=(OwnState("E", 0.5, 0.4, 0.03, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
         live=False,
         heals=False,
         rare=False,
@@ -366,6 +367,8 @@ def words_of(mode: str) -> str:
 
 def colour_of(label: str, channel: str | None = None) -> str:
     """Colour of a hypothesis, or of a verdict with its channel."""
+    if label == NOT_TESTED:
+        return FAULTS[UNKNOWN].colours[0]
     mode = mode_of(label, channel)
     row = _BY_MODE.get(mode) or FAULTS[mode]
     return row.colours[row.modes.index(mode) if mode in row.modes else 0]

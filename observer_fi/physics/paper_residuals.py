@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from observer_fi.physics import equations
 from observer_fi.physics.equations import INDEX
 from observer_fi.records import Array
 
 
 def speed(z: Array, p: Array) -> Array:
     """Motor speed from voltage and current, equation 16 [rad/s]: (V - Rm i) / Km over the last axis of z (..., 3)."""
-    return (z[..., 0] - p[INDEX["Rm"]] * z[..., 1]) / p[INDEX["Km"]]
+    return equations.speed_behind_readings(z[..., 0], z[..., 1], p)
 
 
 def residual_vector(predicted: Array, z: Array, p: Array) -> Array:

@@ -4,8 +4,6 @@ Rigs are TOML files: values with unit, how they were found, their spread from ri
 """
 
 import difflib
-import math
-import tomllib
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -15,13 +13,24 @@ import tomli_w
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import empirical_curve as curves
+from observer_fi.physics import rig_file
 from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
-from observer_fi.records import Array
+from observer_fi.records import Array, Log
+from observer_fi.toml_files import toml_table
 
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
-_FORMS = ("stribeck_speed", "shaft_order", "screw_lead", "heating_time", "sag_time", "position_period")
+_FORMS = (
+    "stribeck_speed",
+    "shaft_order",
+    "screw_lead",
+    "heating_time",
+    "sag_time",
+    "position_period",
+    "Kx",
+    "x_window",
+)
 _SHAPES = (*_SWITCHES, *_FORMS)  # change nothing on their own
 
 # Of every effect: its parameter, where that stands, and the value that leaves the equations as they are.
@@ -138,6 +147,15 @@ class Rig:
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
 
 
+def commanded(log: Log, rig: Rig) -> Log:
+    """`log` with the commanded speed that its drive makes of other columns; as it is where the log has it or must recover it.
+
+    Raises InvalidLogError naming the column that the drive's law needs and the log has not.
+    """
+    law = rig.driven.command
+    return log if law is None else replace(log, w_cmd=law(log, rig.model.vector))
+
+
 def with_values(
     rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit"
 ) -> Rig:
@@ -157,15 +175,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
     Raises UsageError naming the file, the key and the right keys.
     """
     where = _rig_path("mass_shifter" if path is None else path)
-    try:
-        table = tomllib.loads(where.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot read the rig file ({error.strerror or error}); give a TOML file as in data/rigs"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{where}: not a TOML file: {error}") from error
-    return _rig_from_table(table, str(where))
+    return _rig_from_table(toml_table(where, "rig file", "data/rigs"), str(where))
 
 
 def packaged_rigs() -> Path:
@@ -187,6 +197,7 @@ _NOISE = ("voltage", "current", "position")
 
 def _rig_from_table(table: dict, where: str) -> Rig:
     try:
+        rig_file.check(table)
         _check_keys(table, _TOP, "key")
         drive = table.get("drive", "pi_servo")
         if drive not in DRIVES:
@@ -200,6 +211,9 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         missing = [n for n in DRIVES[drive].requires if n not in quantities]
         if missing:
             raise UsageError(f"parameters missing for drive {drive!r}: {', '.join(missing)}")
+        useless = [n for n in DRIVES[drive].excludes if n in quantities]
+        if useless:
+            raise UsageError(f"parameters that drive {drive!r} has not: {', '.join(useless)}")
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
     noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {
@@ -227,15 +241,12 @@ def _quantity(name: str, given: object) -> Quantity:
         raise UsageError(f"{name}: a curve stands in the table [curve]")
     entry: dict = given if isinstance(given, dict) else {"value": given}
     _check_keys(entry, _QUANTITY, f"key of {name}")
-    value = entry.get("value")
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-        raise UsageError(f"{name}: value must be a number, got {value!r}")
     unit = entry.get("unit", PARAMETERS[name][0])
     if unit != PARAMETERS[name][0]:
         raise UsageError(f"{name}: unit must be {PARAMETERS[name][0]!r}, got {unit!r}")
     std = entry.get("std")
     return Quantity(
-        float(value),
+        float(entry["value"]),
         unit,
         entry.get("method", ""),
         entry.get("source", ""),

@@ -1,49 +1,94 @@
 """Records to pages, figures and JSON. Computes nothing."""
 
-from observer_fi.physics import FAULTS, OPEN_LOOP, colour_of, words_of
-from observer_fi.report import diagnosis, inverse_learning
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
-from observer_fi.report.comparison_page import page, table
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
-from observer_fi.report.inverse_learning import fit_table, inverse_files, inverse_headline, scores_table
-from observer_fi.report.learning import (
-    identify_files,
-    identify_json,
-    improve_files,
-    improve_headline,
-    improve_json,
+from observer_fi.report.markdown import markdown_table
+from observer_fi.report.result_folder import (
+    Made,
+    check_beside,
+    checked_name,
+    clear_leftovers,
+    folder_name,
+    folder_of,
+    ours,
+    write_beside,
+    write_file,
+    write_folder,
+    write_result,
 )
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 
-_MODES = [mode for row in FAULTS.values() for mode in row.modes]
-COLOURS, WORDS, MIXTURE = {m: colour_of(m) for m in _MODES}, {m: words_of(m) for m in _MODES}, OPEN_LOOP
+if TYPE_CHECKING:
+    from observer_fi.report.comparison_page import page, table
+    from observer_fi.report.learning import (
+        at_mass,
+        form,
+        identify_files,
+        identify_json,
+        improve_files,
+        improve_headline,
+        improve_json,
+    )
+    from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
 
 __all__ = [
-    "COLOURS",
     "Figure",
     "MEASURED",
-    "MIXTURE",
-    "WORDS",
+    "Made",
+    "at_mass",
+    "check_beside",
+    "checked_name",
     "clear_leftovers",
-    "colour_of",
+    "diagnose",
     "diagnosis",
     "environment",
-    "fit_table",
+    "folder_name",
+    "folder_of",
+    "form",
+    "identify",
     "identify_files",
     "identify_json",
+    "improve",
     "improve_files",
     "improve_headline",
     "improve_json",
-    "inverse_files",
-    "inverse_headline",
-    "inverse_learning",
     "json_text",
+    "markdown_table",
+    "ours",
     "padded",
     "page",
-    "scores_table",
+    "simulate",
     "table",
     "versions",
+    "write_beside",
     "write_file",
     "write_folder",
+    "write_report",
+    "write_result",
 ]
+
+# Imported when first used: they load the rooms that learn, which a verdict does not need.
+_LATER = {
+    "comparison_page": ("page", "table"),
+    "learning": (
+        "at_mass",
+        "form",
+        "identify_files",
+        "identify_json",
+        "improve_files",
+        "improve_headline",
+        "improve_json",
+    ),
+    "notebook": ("diagnose", "identify", "improve", "simulate", "write_report"),
+}
+_MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.physics import OPEN_LOOP, colour_of, words_of
+from observer_fi.physics import NOT_TESTED, OPEN_LOOP, colour_of, words_of
 from observer_fi.report.chart import MUTED, Figure, Panel
 from observer_fi.report.diagnosis import NAMES, environment, versions
 
@@ -38,7 +38,7 @@ def page(result: dict[str, Any]) -> str:
             result=result,
             judges=JUDGES,
             faults=FAULTS,
-            names=NAMES,
+            names={label: name for label, name in NAMES.items() if label != NOT_TESTED},  # all have moves
             ms=milliseconds,
             figure=delay_figure(result["cases"]),
             wrong=[c for c in result["cases"] if any(c[j]["verdict"] != c["label"] for j in JUDGES)],

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.physics import DRIVES, FAULTS, LABELS, NOMINAL, UNKNOWN, Rig, colour_of, words_of
+from observer_fi.physics import DRIVES, FAULTS, LABELS, NOMINAL, NOT_TESTED, UNKNOWN, Rig, colour_of, words_of
 from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
-from observer_fi.report.result_folder import write_folder
+from observer_fi.report.result_folder import Made, write_result
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
 
-NAMES = {label: row.title for label, row in FAULTS.items()}
+NAMES = {label: row.title for label, row in FAULTS.items()} | {NOT_TESTED: "Not tested"}
 
 
 def report_dict(outcome: Outcome) -> dict[str, Any]:
@@ -47,6 +47,12 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
                 "onset_interval_s": verdict.onset_interval_s,
                 "detected_s": verdict.detected_s,
                 "isolated_s": verdict.isolated_s,
+                "end_s": verdict.over_s,
+                "severity": {
+                    s.name: {"value": s.value, "interval": s.interval, "unit": s.unit}
+                    for s in verdict.severity
+                },
+                "alike": verdict.alike,
             },
             "posterior": {label: verdict.posterior.get(label, 0.0) for label in LABELS},
             "open_loop": _open_loop(outcome),
@@ -63,6 +69,8 @@ def _open_loop(outcome: Outcome) -> dict[str, Any]:
     """What the mixture says; it starts at a detection, so without one it says nominal, without a servo nothing."""
     if not DRIVES[outcome.settings["drive"]].servo:
         return {"label": None, "isolated_s": None, "started_s": None}
+    if _complete(outcome)[0].verdict.label == NOT_TESTED:
+        return {"label": NOT_TESTED, "isolated_s": None, "started_s": None}
     if outcome.open_loop is None:
         return {"label": NOMINAL, "isolated_s": None, "started_s": None}
     verdict = outcome.open_loop.verdict
@@ -78,6 +86,8 @@ def headline(outcome: Outcome) -> str:
     """The verdict in one line."""
     isolation, _ = _complete(outcome)
     verdict = isolation.verdict
+    if verdict.label == NOT_TESTED:
+        return f"not tested: {verdict.reasons[0]}"
     words = NAMES[verdict.label].lower()
     if verdict.channel:
         words += f" ({verdict.channel})"
@@ -86,10 +96,10 @@ def headline(outcome: Outcome) -> str:
     return f"{words}, probability {percent(verdict.probability)}"
 
 
-def percent(p: float) -> str:
+def percent(p: float | None) -> str:
     """A probability that never rounds to certainty."""
-    if not math.isfinite(p):
-        return "unknown"
+    if p is None or not math.isfinite(p):
+        return "–"
     if p > 0.9999:
         return "> 99.99 %"
     if p < 1e-4:
@@ -107,9 +117,13 @@ def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
     }
 
 
-def write(outcome: Outcome, rig: Rig, folder: Path) -> None:
-    """report.json, report.html and the figures into `folder`, all or nothing. Raises UsageError."""
-    write_folder(folder, files(outcome, rig))
+def write(outcome: Outcome, rig: Rig, folder: Path) -> Path:
+    """report.json, report.html and the figures into `folder`, or into one with a number where that is another log's;
+    returns the folder. Raises UsageError.
+    """
+    _, log = _complete(outcome)
+    made = Made("diagnose", {log.path: log.sha256})
+    return write_result(folder.parent, folder.name, made, files(outcome, rig))
 
 
 def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
@@ -168,6 +182,8 @@ def doubts(outcome: Outcome) -> list[str]:
     """How sure the verdict is, and what would change it."""
     isolation, log = _complete(outcome)
     verdict, fit = isolation.verdict, isolation.consistency
+    if verdict.label == NOT_TESTED:
+        return [f"{verdict.reasons[0].capitalize()}: record a longer log with a move, and diagnose that."]
     found = []
     others = sorted(
         ((p, label) for label, p in verdict.posterior.items() if label != verdict.label), reverse=True

@@ -32,7 +32,7 @@ def draw(outcome: Outcome, rig: Rig) -> dict[str, str]:
     ):
         return {}
     verdict = outcome.isolation.verdict
-    shown = _shown(outcome)
+    shown = _drawn_modes(outcome)
     return {
         "signals": signals(outcome.zoom, outcome.modes, shown, verdict, rig.model.vector),
         "residuals": residuals(outcome.overview, outcome.zoom, outcome.modes, shown, verdict),
@@ -79,7 +79,7 @@ def captions(outcome: Outcome) -> dict[str, str]:
     return found
 
 
-def _shown(outcome: Outcome) -> tuple[int, ...]:
+def _drawn_modes(outcome: Outcome) -> tuple[int, ...]:
     """The three models of the paper, and the winner where it is another."""
     assert outcome.isolation is not None
     verdict = outcome.isolation.verdict

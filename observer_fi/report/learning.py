@@ -1,43 +1,86 @@
 """Reports of `identify` and `improve`: the records printed, nothing computed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from observer_fi.improve import CLOSE_ALIKE, CLOSE_SHARE, WANTED_NATS, Improvement, Latent, Worth, to_json
+from observer_fi.improve import (
+    CLOSE_ALIKE,
+    CLOSE_SHARE,
+    WANTED_NATS,
+    DiagnosisGain,
+    Improvement,
+    SmoothedDisturbance,
+    Value,
+    to_json,
+)
 from observer_fi.logs import Excitation
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
 from observer_fi.records import Array, Fit, Parameter
-from observer_fi.report import freed_figures, learning_figures
+from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, number, versions
 
+Gain = tuple[DiagnosisGain, DiagnosisGain] | None
 
-def improve_files(
-    record: Improvement, gain: tuple[Worth, Worth], shown: Sequence[Excitation], name: str, logs: list[str]
-) -> dict[str, str]:
+
+def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -> dict[str, str]:
     """Everything that one improve report consists of, {file name: text}.
 
-    gain: `diagnose` with either rig. shown: what each log holds.
+    gain: `diagnose` with either rig, None where it cannot tell this rig's faults.
     """
     drawn = learning_figures.of_improve(record)
-    latents = freed_figures.of_freed(record.latents)
+    disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
-        causes=CAUSES, shown=[held(e) for e in shown], value=value, versions=versions(),
-        latents=list(zip(record.latents, latents, strict=True)), wish=wish(record), likeness=likeness(record),
-        handy=freed_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
-        not_kept=not_kept(record),
+        causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
+        disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
+        likeness=likeness(record),
+        handy=disturbance_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
+        form=form, smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
-        "report.html": html,
-        "rig.toml": rig_toml(record.extended_rig),
+        "improve.html": html,
+        "extended_rig.toml": rig_toml(record.extended_rig),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
-        **{f"latent_{k + 1}.svg": svg for k, svg in enumerate(latents)},
+        **{f"disturbance_{k + 1}.svg": svg for k, svg in enumerate(disturbances)},
     }
 
 
-def wish(record: Improvement) -> str:
+# Where a force is logged, sizes are read at the mass: unit in the equations, unit there, power of D that divides a value.
+AT_MASS = {
+    "kg m^2": ("kg", 2),
+    "N m": ("N", 1),
+    "N m s/rad": ("N s/m", 2),
+    "N m/m": ("N/m", 1),
+    "N m/m^2": ("N/m^2", 1),
+    "N m/deg": ("N/deg", 1),
+    "rad/s": ("m/s", -1),
+}
+
+
+def at_mass(v: Value, D: float) -> Value:
+    """A value as it is felt at the mass."""
+    unit, power = AT_MASS.get(v.unit, (v.unit, 0))
+    scale = D**-power
+    return Value(v.value * scale, v.std * scale, v.prior * scale, unit)
+
+
+def reader_of(record: Improvement) -> Callable[[Value], Value]:
+    """How sizes are read: at the mass where its force was logged, else as they stand in the equations."""
+    if "force" not in record.before.channels:
+        return lambda v: v
+    return lambda v: at_mass(v, record.rig.model["D"])
+
+
+def form(variant: str, parameters: Mapping[str, Value]) -> str:
+    """A form in words; a friction that falls towards standstill is not what Stribeck described, so say so."""
+    falls = "stribeck_torque" in parameters and parameters["stribeck_torque"].value < 0.0
+    return variant + (": friction falls towards standstill" if falls else "")
+
+
+def freed_sentence(record: Improvement) -> str:
     """Which equation the data want to free first, in a sentence."""
     first = next((f for f in record.freed if f.verdict == "first"), None)
     if first is None:
@@ -53,8 +96,10 @@ def likeness(record: Improvement) -> str:
     return cannot + (f"What looks alike: {alike}." if alike else "")
 
 
-def improve_json(record: Improvement, gain: tuple[Worth, Worth]) -> dict[str, Any]:
+def improve_json(record: Improvement, gain: Gain) -> dict[str, Any]:
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
+    if gain is None:
+        return to_json(record)
     before, after = (g._asdict() for g in gain)
     return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
 
@@ -83,15 +128,18 @@ EQUATIONS = {
 }  # fmt: skip
 
 
-def shape(latent: Latent) -> str:
+def shape(disturbance: SmoothedDisturbance) -> str:
     """What a disturbance goes with, in a sentence."""
-    if not latent.goes_with:
+    if not disturbance.goes_with:
         return "No quantity below predicts more than half of it in moves that were left out."
-    names = [f"the {plain(name)} ({100.0 * latent.curves[name].share:.0f} %)" for name in latent.goes_with]
+    names = [
+        f"the {plain(name)} ({100.0 * disturbance.curves[name].share:.0f} %)"
+        for name in disturbance.goes_with
+    ]
     return f"It goes best with {' or '.join(names)}."
 
 
-def held(shown: Excitation) -> str:
+def excitation_sentence(shown: Excitation) -> str:
     """What a log holds, in a sentence."""
     one_way = "forward only" if 1 in shown.directions else "backward only"
     ways = one_way if len(shown.directions) == 1 else "both directions"
@@ -123,7 +171,7 @@ def identify_files(
     )  # fmt: skip
     return {
         "identify.json": json_text(identify_json(fit)),
-        "report.html": html,
+        "identify.html": html,
         "rig.toml": rig_toml(identified),
         **{f"{key}.svg": svg for key, svg in drawn.items()},
     }

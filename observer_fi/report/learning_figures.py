@@ -22,7 +22,9 @@ REGRESSORS = {
     "load": ("|current| [mA]", 1e3),
     "temperature": ("heat put in [J]", 1.0),
     "time": ("time [s]", 1.0),
+    "direction": ("decades of m since reversal", 1.0),
 }
+_OF_FORCE = {"current": ("commanded force [N]", 1.0)}  # what commands there
 UNITS = {
     "torque": ("torque [mN m]", 1e3),
     "electrical": ("resistance [ohm]", 1.0),
@@ -39,31 +41,42 @@ AXES = {
 WIDTH, LEFT, RIGHT = 1040.0, 62.0, 150.0
 
 
+def main_channel(residuals: Residuals) -> int:
+    """The channel that shows most: the current, where it is measured."""
+    return residuals.channels.index("current") if "current" in residuals.channels else 0
+
+
+def regressor(residuals: Residuals, name: str) -> tuple[str, float]:
+    """Label of a regressor, and the factor to its unit."""
+    known = REGRESSORS | _OF_FORCE if "force" in residuals.channels else REGRESSORS
+    return known.get(name, (name.replace("_", " "), 1.0))
+
+
+def _label(residuals: Residuals, channel: int) -> str:
+    name = residuals.channels[channel]
+    return f"{name} residual / noise" if residuals.unit == "noise" else f"{name} residual [{residuals.unit}]"
+
+
 def residuals_over_time(before: Residuals, after: Residuals) -> str:
-    """Residuals of the three channels over the logs, in standard deviations of the noise, before and after."""
-    figure = Figure("over-time", WIDTH, 3 * 150.0 + 60.0, "Residuals before and after")
+    """Residuals of every channel over the logs, before and after."""
+    count = len(before.channels)
+    figure = Figure("over-time", WIDTH, count * 150.0 + 60.0, "Residuals before and after")
     step = float(np.median(np.diff(before.t))) if before.t.size > 1 else 0.0
     along: Array = np.asarray(step * np.arange(before.t.size), dtype=np.float64)
-    for c, (name, _) in enumerate(CHANNELS):
-        limits = padded(np.quantile(before.z_minus_y[:, c], [0.002, 0.998]), least=4.0)
-        panel = figure.panel(
-            LEFT,
-            30.0 + 150.0 * c,
-            WIDTH - LEFT - RIGHT,
-            105.0,
-            (0.0, float(along[-1]) if along.size else 1.0),
-            limits,
-        )
-        panel.frame(
-            "time along the moves [s]" if c == 2 else "", f"{name.split(' [')[0]} residual / noise", c == 2
-        )
+    span = (0.0, float(along[-1]) if along.size else 1.0)
+    for c in range(count):
+        last = c == count - 1
+        least = 4.0 if before.unit == "noise" else 0.0
+        limits = padded(np.quantile(before.z_minus_y[:, c], [0.002, 0.998]), least=least)
+        panel = figure.panel(LEFT, 30.0 + 150.0 * c, WIDTH - LEFT - RIGHT, 105.0, span, limits)
+        panel.frame("time along the moves [s]" if last else "", _label(before, c), last)
         panel.line(along, before.z_minus_y[:, c], BEFORE, 0.7, opacity=0.75)
         panel.line(along, after.z_minus_y[:, c], AFTER, 0.7)
         panel.end_labels(((limits[1] * 0.5, "refitted rig", BEFORE), (0.0, "extended rig", AFTER)))
     return figure.svg()
 
 
-def residual_curves(before: Residuals, after: Residuals, channel: int = 1) -> str:
+def residual_curves(before: Residuals, after: Residuals, channel: int) -> str:
     """Mean residual of a channel over each regressor, with the sign of motion, before and after."""
     names = [n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2]
     columns, width, height = 3, 255.0, 120.0
@@ -71,27 +84,24 @@ def residual_curves(before: Residuals, after: Residuals, channel: int = 1) -> st
     figure = Figure(
         f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor"
     )
+    least = 0.5 if before.unit == "noise" else 0.0
     for k, name in enumerate(names):
-        label, scale = REGRESSORS[name]
+        label, scale = regressor(before, name)
         one, two = before.curves[name], after.curves.get(name, before.curves[name])
-        limits = padded(one.mean[:, channel], two.mean[:, channel], least=0.5)
+        limits = padded(one.mean[:, channel], two.mean[:, channel], least=least)
         panel = figure.panel(
             LEFT + (k % columns) * (width + 75.0), 32.0 + (k // columns) * (height + 78.0), width, height,
             padded(scale * one.at), limits,
         )  # fmt: skip
-        panel.frame(
-            label,
-            f"{CHANNELS[channel][0].split(' [')[0].lower()} residual / noise" if k % columns == 0 else "",
-        )
+        panel.frame(label, _label(before, channel) if k % columns == 0 else "")
         panel.level(0.0)
-        panel.line(scale * one.at, one.mean[:, channel], BEFORE, 1.6)
-        panel.points(scale * one.at, one.mean[:, channel], BEFORE, 4.0)
-        panel.line(scale * two.at, two.mean[:, channel], AFTER, 1.6)
-        panel.points(scale * two.at, two.mean[:, channel], AFTER, 4.0)
+        for curve, colour in ((one, BEFORE), (two, AFTER)):
+            panel.line(scale * curve.at, curve.mean[:, channel], colour, 1.6)
+            panel.points(scale * curve.at, curve.mean[:, channel], colour, 4.0)
     return figure.svg()
 
 
-def spectra(before: Residuals, after: Residuals, channel: int = 1) -> str:
+def spectra(before: Residuals, after: Residuals, channel: int) -> str:
     """Power of a channel's residual over frequency and over orders of the motor turn; 1 is white noise."""
     figure = Figure("spectra", WIDTH, 250.0, "Spectra of the residual")
     sides = (
@@ -99,17 +109,12 @@ def spectra(before: Residuals, after: Residuals, channel: int = 1) -> str:
         ("per motor turn", before.orders, after.orders),
     )
     for k, (label, one, two) in enumerate(sides):
+        if not one[1].size or not two[1].size:
+            continue
         x, power = one[0][1:], one[1][1:, channel]
         high = float(max(10.0, np.nanmax(power, initial=10.0)))
-        panel = figure.panel(
-            LEFT + k * 490.0,
-            34.0,
-            390.0,
-            160.0,
-            (0.0, float(x[-1]) if x.size else 1.0),
-            (0.05, 2.0 * high),
-            log=True,
-        )
+        span = (0.0, float(x[-1]) if x.size else 1.0)
+        panel = figure.panel(LEFT + k * 490.0, 34.0, 390.0, 160.0, span, (0.05, 2.0 * high), log=True)
         panel.frame(label, "power, 1 = white" if k == 0 else "")
         panel.level(1.0)
         panel.line(x, power, BEFORE, 1.2)
@@ -117,11 +122,11 @@ def spectra(before: Residuals, after: Residuals, channel: int = 1) -> str:
     return figure.svg()
 
 
-def smooth_curves(terms: Sequence[Smooth]) -> str:
+def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> str:
     """The curve of every unexplained term with its band of two standard errors."""
     figure = Figure("smooth", WIDTH, 240.0, "What no named cause explains")
     for k, term in enumerate(terms[:3]):
-        label, scale = REGRESSORS.get(term.regressor, (term.regressor.replace("_", " "), 1.0))
+        label, scale = regressor(residuals, term.regressor)
         unit, factor = UNITS.get(term.equation, (term.equation, 1.0))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]
@@ -154,15 +159,17 @@ def kept_curve(curve: Curve) -> str:
 
 def of_improve(record: Improvement) -> dict[str, str]:
     """Every figure of an improve report, {name: SVG}."""
+    main = main_channel(record.before)
     drawn = {
         "over_time": residuals_over_time(record.before, record.after),
-        "curves": residual_curves(record.before, record.after),
-        "curves_voltage": residual_curves(record.before, record.after, 0),
-        "curves_position": residual_curves(record.before, record.after, 2),
-        "spectra": spectra(record.before, record.after),
+        "curves": residual_curves(record.before, record.after, main),
+        "spectra": spectra(record.before, record.after, main),
     }
+    for c, name in enumerate(record.before.channels):
+        if c != main:
+            drawn[f"curves_{name}"] = residual_curves(record.before, record.after, c)
     if record.unexplained:
-        drawn["unexplained"] = smooth_curves(record.unexplained)
+        drawn["unexplained"] = smooth_curves(record.unexplained, record.before)
     if record.kept:
         drawn["kept"] = kept_curve(record.kept.curve)
     return drawn

@@ -5,30 +5,44 @@ stopped. Workers write the reports; only rows of the summary travel.
 """
 
 import contextlib
+import fnmatch
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import os
+import secrets
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import PLAIN, ColumnMap, log_name
-from observer_fi.physics import FAULTS, Rig, colour_of, rig_toml
+from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap
+from observer_fi.physics import FAULTS, NOT_TESTED, Rig, colour_of, rig_toml
 from observer_fi.records import Outcome
-from observer_fi.report import clear_leftovers, write_file, write_folder
+from observer_fi.report import (
+    Made,
+    check_beside,
+    clear_leftovers,
+    folder_name,
+    folder_of,
+    ours,
+    write_beside,
+    write_result,
+)
 from observer_fi.report import diagnosis as report
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose
 
-SUFFIXES = (".csv", ".csv.gz", ".parquet", ".tdms", ".lvm")
 ENTRY = "fleet.json"  # in a log's folder: what its report was made from, and its row
 INDEX, TABLE = "index.html", "fleet.parquet"
 TRIES = 3  # workers that may die over one log before it is given up
 WAIT_S = 10.0  # for a scheduler to answer, and for its first worker
+GONE_S = 60.0  # without any worker, until the run is given up
+POLL_S = 0.1
 
 Rows = list[dict[str, Any]]
 
@@ -68,51 +82,75 @@ class Job:
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def find_logs(job: Job, pattern: str = "*") -> dict[str, str]:
-    """Logs below the folder, {path relative to it: name of the report's folder}, in order.
+def find_logs(job: Job, pattern: str = "*", say: Callable[[str], object] = str) -> dict[str, str]:
+    """Logs below the folder that match, {path relative to it: name of the report's folder}, in order.
 
-    Hidden files and what lies in the output folder are no logs. Raises UsageError where there is none.
+    Hidden files and what lies in the output folder are no logs. `say` is told of folders that cannot be read. A log has the
+    same name whatever the pattern. Raises UsageError where there is none.
     """
     if not job.folder.is_dir():
         raise UsageError(f"{job.folder}: no such folder; fleet takes the folder of the logs")
-    own = job.out.resolve()
-    found = []
-    for path in job.folder.rglob(pattern):
-        relative = path.relative_to(job.folder)
-        hidden = any(part.startswith(".") for part in relative.parts)
-        if (
-            path.name.lower().endswith(SUFFIXES)
-            and not hidden
-            and own not in path.resolve().parents
-            and path.is_file()
-        ):
-            found.append(relative.as_posix())
+    names: dict[str, str] = {}
+    for log in sorted(_logs_below(job, say)):
+        stem = (Path(log).parent / folder_name(None, log)).as_posix()
+        # two logs of one stem: the later ones keep their suffix; a folder of logs may have a log's name, too
+        taken = stem in names.values() or stem in (INDEX, TABLE) or (job.folder / stem).is_dir()
+        names[log] = f"{log}.report" if taken else stem
+    found = {log: name for log, name in names.items() if fnmatch.fnmatch(Path(log).name, pattern)}
     if not found:
         raise UsageError(f"{job.folder}: no logs ({', '.join(SUFFIXES)}) match {pattern!r} here or below")
-    names: dict[str, str] = {}
-    for log in sorted(found):
-        stem = (Path(log).parent / log_name(log)).as_posix()
-        # two logs of one stem: the later ones keep their suffix; a folder of logs may have a log's name, too
-        names[log] = (
-            stem if stem not in names.values() and not (job.folder / stem).is_dir() else f"{log}.report"
+    return found
+
+
+def _logs_below(job: Job, say: Callable[[str], object]) -> Iterator[str]:
+    """Relative paths of what looks like a log."""
+    out, around = job.out.resolve(), job.folder.resolve()
+    inside = out != around and out not in around.parents  # else the logs themselves lie below it
+
+    def unreadable(error: OSError) -> None:
+        say(f"{error.filename}: cannot read this folder ({error.strerror}): its logs are left out")
+
+    for folder, below, files in os.walk(job.folder, onerror=unreadable):
+        here = Path(folder)
+        below[:] = [
+            name for name in below if name[0] != "." and not (inside and (here / name).resolve() == out)
+        ]
+        wanted = [name for name in files if name.lower().endswith(SUFFIXES) and name[0] != "."]
+        written = ours(here) if wanted else set()
+        yield from (
+            (here / name).relative_to(job.folder).as_posix() for name in wanted if name not in written
         )
-    return names
 
 
-def entry_of(job: Job, name: str) -> dict[str, Any] | None:
+def made_of(job: Job, command: str, log: str, sha256: str = "") -> Made:
+    """What a command's result on one log of the fleet is of."""
+    return Made(command, {str(job.folder / log): sha256})
+
+
+def entry_of(job: Job, log: str, name: str) -> dict[str, Any] | None:
     """What an earlier run left for a log, None where there is nothing usable."""
-    folder = job.out / name
+    place = job.out / name
+    folder = folder_of(place.parent, place.name, made_of(job, "fleet", log))
     try:
         entry = json.loads((folder / ENTRY).read_text(encoding="utf-8"))
-        whole = entry["row"]["status"] == "bad" or (folder / "report.html").is_file()
-        return entry if whole and entry["key"] else None
+        return entry if entry["key"] and _whole(job, entry) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
+def _whole(job: Job, entry: dict[str, Any]) -> bool:
+    """Whether the report that an entry speaks of is there, and is that one."""
+    if entry["row"]["status"] == "bad":
+        return True
+    page = job.out / entry["row"]["report"]
+    return page.is_file() and digest_of(page.with_name("report.json")) == entry["report_sha256"]
+
+
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file, "" where it cannot be read."""
+    """SHA-256 of a plain file, "" where there is none that can be read."""
     try:
+        if not path.is_file():
+            return ""
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
@@ -125,7 +163,7 @@ def split(job: Job, names: dict[str, str]) -> tuple[Rows, dict[str, str]]:
 
     def current(item: tuple[str, str]) -> dict[str, Any] | None:
         log, name = item
-        entry = entry_of(job, name)
+        entry = entry_of(job, log, name)
         if entry is None or entry["settings"] != settings or entry["row"]["log"] != log:
             return None
         content = digest_of(job.folder / log)
@@ -140,9 +178,9 @@ def split(job: Job, names: dict[str, str]) -> tuple[Rows, dict[str, str]]:
 def work(job: Job, log: str, name: str) -> dict[str, Any]:
     """One log to its report, on a worker: the row of the summary. A log that cannot be used is a row with its reason."""
     path = job.folder / log
-    if not path.is_file():
+    if not path.exists():
         raise FileNotFoundError(f"{path} is not there for this worker; logs and reports need a shared folder")
-    folder = job.out / name
+    place = job.out / name
     try:
         outcome = diagnose(
             path, job.rig, job.settings, engine=job.engine, filter_kind=job.filter_kind, columns=job.columns
@@ -151,23 +189,40 @@ def work(job: Job, log: str, name: str) -> dict[str, Any]:
             raise InvalidLogError(outcome.error or f"{path}: nothing can be said about it")
     except InvalidLogError as error:
         row = bad_row(log, "bad", str(error), digest_of(path))
-        write_folder(folder, {ENTRY: _entry(job, row)})
-        return row
-    row = row_of(log, name, outcome)
-    outcome = replace(outcome, log=replace(outcome.log, path=log))
-    write_folder(folder, {**report.files(outcome, job.rig), ENTRY: _entry(job, row)})
+    else:
+        made = made_of(job, "diagnose", log, outcome.log.sha256)
+        outcome = replace(outcome, log=replace(outcome.log, path=log))
+        folder = write_result(place.parent, place.name, made, report.files(outcome, job.rig))
+        row = row_of(log, folder.relative_to(job.out).as_posix(), outcome)
+    made = made_of(job, "fleet", log, row["sha256"])
+    write_result(place.parent, place.name, made, {ENTRY: _entry(job, row)})
     return row
 
 
 def _entry(job: Job, row: dict[str, Any]) -> str:
-    return report.json_text(
-        {"schema": "observer-fi/fleet-entry/1", "key": row["sha256"], "settings": job.digest, "row": row}
-    )
+    written = digest_of((job.out / row["report"]).with_name("report.json")) if row["report"] else ""
+    entry = {"key": row["sha256"], "settings": job.digest, "report_sha256": written, "row": row}
+    return report.json_text({"schema": "observer-fi/fleet-entry/1", **entry})
+
+
+def other_rows(job: Job, names: dict[str, str], pattern: str) -> Rows:
+    """Rows of logs that this run was not asked for and an earlier one has done."""
+    if pattern == "*":
+        return []
+    others = {log: name for log, name in find_logs(job).items() if log not in names}
+    entries = [entry_of(job, log, name) for log, name in others.items()]
+    return [entry["row"] for entry in entries if entry is not None]
 
 
 def bad_row(log: str, status: str, error: str, sha256: str = "") -> dict[str, Any]:
     """The row of a log without a verdict: "bad" will stay so until it changes, "failed" is tried again."""
     return dict.fromkeys(COLUMNS) | {"log": log, "status": status, "error": error, "sha256": sha256}
+
+
+def not_done(names: Collection[str], rows: Rows, reason: str) -> Rows:
+    """Rows of the logs that have none yet."""
+    done = {row["log"] for row in rows}
+    return [bad_row(log, "failed", f"not done: {reason}") for log in names if log not in done]
 
 
 def row_of(log: str, name: str, outcome: Outcome) -> dict[str, Any]:
@@ -204,17 +259,67 @@ def run(
 
         job = replace(job, folder=job.folder.resolve(), out=job.out.resolve())
         shared = client.scatter(job, broadcast=True, hash=False)
+        turn = secrets.token_hex(4)  # names of logs need not be text
         futures = {
-            client.submit(work, shared, log, name, pure=False, key=f"observer-fi-{k}-{log}", retries=0): log
+            client.submit(work, shared, log, name, pure=False, key=f"observer-fi-{turn}-{k}", retries=0): log
             for k, (log, name) in enumerate(logs.items())
         }
-        for future in as_completed(list(futures)):
+        for future in _finished(client, as_completed(list(futures))):
             log = futures.pop(future)
-            error = future.exception()
-            yield future.result() if error is None else bad_row(log, "failed", _words(error))
+            yield _row_of(future, log)
             future.release()
     for name in logs.values():  # a worker that was killed while it wrote could not do it
         clear_leftovers(job.out / name)
+
+
+def _row_of(future: Any, log: str) -> dict[str, Any]:
+    """The row of a log that was done. Raises LostClusterError where it went with its cluster."""
+    error = future.exception()
+    if error is not None:
+        return bad_row(log, "failed", _words(error))
+    try:
+        row: dict[str, Any] = future.result()
+    except CancelledError as gone:
+        raise LostClusterError("the cluster is gone") from gone
+    return row
+
+
+class LostClusterError(Exception):
+    """The scheduler, or the last worker, is gone: the message says which."""
+
+
+def _finished(client: Any, under_way: Any) -> Iterator[Any]:
+    """Futures as they finish. Raises LostClusterError where none will any more."""
+    alive = time.monotonic()
+    while not under_way.is_empty():
+        if under_way.has_ready():
+            future = next(under_way)
+            if future.status in ("cancelled", "lost"):
+                raise LostClusterError("the scheduler is gone")
+            yield future
+            alive = time.monotonic()
+            continue
+        time.sleep(POLL_S)
+        what = _missing(client)
+        alive = alive if what else time.monotonic()
+        if time.monotonic() - alive > GONE_S:
+            raise LostClusterError(what)
+
+
+def _missing(client: Any) -> str:
+    """What a cluster lacks to go on, "" where it lacks nothing. Raises LostClusterError where its scheduler is gone.
+
+    A scheduler may be slow to answer: it imports what workers run.
+    """
+    try:
+        if client.status != "running":
+            raise LostClusterError("the scheduler is gone")
+        workers = client.sync(client.scheduler.ncores, callback_timeout=WAIT_S)
+        return "" if workers else "the last worker is gone"
+    except TimeoutError:
+        return "the scheduler does not answer"
+    except (OSError, ValueError) as error:
+        raise LostClusterError("the scheduler is gone") from error
 
 
 def _words(error: BaseException) -> str:
@@ -280,7 +385,7 @@ def worst_first(rows: Rows) -> Rows:
     """Faults by kind and certainty, then what could not be judged, then healthy logs with the worst fit in front."""
 
     def key(row: dict[str, Any]) -> tuple[Any, ...]:
-        if row["status"] != "done":
+        if row["status"] != "done" or row["label"] == NOT_TESTED:
             return 1, 0, 0.0, row["log"]
         if row["label"] != "nominal":
             return 0, FAULTS[row["label"]].rank, -row["probability"], row["log"]
@@ -293,8 +398,16 @@ def worst_first(rows: Rows) -> Rows:
 def write_summary(job: Job, rows: Rows) -> None:
     """fleet.parquet and index.html of all logs, worst first."""
     rows = worst_first(rows)
-    write_file(job.out / TABLE, parquet(rows))
-    write_file(job.out / INDEX, page(job, rows))
+    write_beside(job.out, _summary_of(job), {TABLE: parquet(rows), INDEX: page(job, rows)})
+
+
+def check_summary(job: Job) -> None:
+    """Raises UsageError where the summary would replace what is not this fleet's."""
+    check_beside(job.out, _summary_of(job), (TABLE, INDEX))
+
+
+def _summary_of(job: Job) -> Made:
+    return Made("fleet", {str(job.folder.resolve()): ""})
 
 
 def parquet(rows: Rows) -> bytes:
@@ -306,8 +419,14 @@ def parquet(rows: Rows) -> bytes:
         [(name, getattr(pa, {"double": "float64"}.get(kind, kind))()) for name, kind in COLUMNS.items()]
     )
     sink = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), sink)
+    plain = [{key: _text(value) for key, value in row.items()} for row in rows]
+    pq.write_table(pa.Table.from_pylist(plain, schema=schema), sink)
     return bytes(sink.getvalue())
+
+
+def _text(value: Any) -> Any:
+    """A text that any reader takes: what a file name holds that is no UTF-8 as an escape."""
+    return value.encode("utf-8", "backslashreplace").decode("utf-8") if isinstance(value, str) else value
 
 
 def counts(rows: Rows) -> dict[str, int]:
@@ -333,7 +452,7 @@ def page(job: Job, rows: Rows) -> str:
             folder=job.folder.name or str(job.folder),
             rig=job.rig,
             colour_of=colour_of,
-            link=quote,
+            link=lambda path: quote(os.fsencode(path)),
             versions=report.versions(),
         )
     )

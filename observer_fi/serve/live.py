@@ -18,7 +18,15 @@ from observer_fi.logs import Row
 from observer_fi.physics import Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict import Isolator, log_verdict, make_bank, tested
+from observer_fi.verdict import (
+    FEWEST_MOVING,
+    Isolator,
+    for_readings,
+    log_verdict,
+    make_bank,
+    moving_samples,
+    tested,
+)
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 
@@ -31,11 +39,11 @@ class LiveBank(kernels.Bank):
         self.w_cmd = np.empty(MOST)
         self.feed = self._room(1)
         self.out = kernels.written(MOST, len(self.hypotheses))
-        self.views: dict[int, tuple[Array, kernels.Feed, kernels.Written, Estimate]] = {}
+        self.views: dict[int, tuple[Array, kernels.LogSamples, kernels.Written, Estimate]] = {}
 
-    def _room(self, substeps: int) -> kernels.Feed:
+    def _room(self, substeps: int) -> kernels.LogSamples:
         one = np.empty(MOST)
-        return kernels.Feed(
+        return kernels.LogSamples(
             one, np.empty((MOST, 2 * substeps)), one.copy(), one.copy(), np.empty((MOST, 3)), np.empty(MOST, dtype=np.bool_)
         )  # fmt: skip
 
@@ -65,7 +73,7 @@ class LiveBank(kernels.Bank):
         before, longest = self.samples.t, self.samples.longest * (1.0 + 1e-6)
         return bool(feed.place(rows, before, longest, self.feed.t, self.feed.z, self.feed.theta, self.w_cmd))
 
-    def _views(self, n: int) -> tuple[Array, kernels.Feed, kernels.Written, Estimate]:
+    def _views(self, n: int) -> tuple[Array, kernels.LogSamples, kernels.Written, Estimate]:
         """The arrays for n samples, and the estimate made of them; kept until n is another."""
         if n not in self.views:
             now, out = self.feed.cut(0, n), self.out.cut(0, n)
@@ -102,15 +110,15 @@ class Live:
     def __init__(
         self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
     ) -> None:
-        compiled = engine == "compiled"
-        self.fast = LiveBank(rig, settings.bank, filter_kind) if compiled else None
-        self.bank = self.fast or make_bank(rig, settings, engine, filter_kind)
+        self.rig, self.all_settings, self.engine, self.filter_kind = rig, settings, engine, filter_kind
+        self._make_bank(settings)
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.settings = settings.decision
         self.labels = tuple((label_of(mode), channel_of(mode)) for mode in modes)
         self.isolator = Isolator(modes, settings.decision, consistent=False)
+        self.moving = 0  # samples that the verdict rests on
         self.held: Array | None = table_of([])
-        self.told: tuple[str, str | None] | None = None
+        self.reported: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
 
     def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
@@ -121,6 +129,7 @@ class Live:
             if not self._ready(self.held):
                 return
             table, self.held = self.held, None
+            self._begin(table)
             yield self._judged(self.bank.advance(log_of(table)))
             return
         for first in range(0, len(table), MOST):
@@ -131,7 +140,19 @@ class Live:
         """What the samples say that were still held when the stream ended."""
         table, self.held = self.held, None
         if table is not None and table.size:
+            self._begin(table)
             yield self._judged(self.bank.advance(log_of(table)))
+
+    def _begin(self, table: Array) -> None:
+        """Fit the bank to what the first samples, (n, 6), show of the readings."""
+        bank = for_readings(self.all_settings.bank, self.rig, table[:, 1:4])
+        if bank is not self.all_settings.bank:
+            self._make_bank(replace(self.all_settings, bank=bank))
+
+    def _make_bank(self, settings: Settings) -> None:
+        compiled = self.engine == "compiled"
+        self.fast = LiveBank(self.rig, settings.bank, self.filter_kind) if compiled else None
+        self.bank = self.fast or make_bank(self.rig, settings, self.engine, self.filter_kind)
 
     @staticmethod
     def _ready(table: Array) -> bool:
@@ -143,7 +164,10 @@ class Live:
     def verdict(self) -> Event:
         """The verdict on the move under way, or on the last one."""
         tracker = self.isolator.current
-        return log_verdict([]) if tracker is None else tracker.verdict()
+        return log_verdict([]) if tracker is None or not self._tested() else tracker.verdict()
+
+    def _tested(self) -> bool:
+        return self.moving >= FEWEST_MOVING
 
     def _judged(self, e: Estimate) -> tuple[Estimate, list[Change]]:
         self.samples += e.t.size
@@ -163,7 +187,7 @@ class Live:
     def _stretch(self, e: Estimate, first: int, last: int) -> Iterator[Change]:
         """At once where no sample can change the verdict, else each half for itself."""
         if last - first > 2:
-            if not self._quiet(rows_of(e, first, last)):
+            if (e.active[first] and not self._tested()) or not self._quiet(rows_of(e, first, last)):
                 middle = (first + last) // 2
                 yield from self._stretch(e, first, middle)
                 yield from self._stretch(e, middle, last)
@@ -173,18 +197,20 @@ class Live:
 
     def _sample(self, e: Estimate, k: int) -> Iterator[Change]:
         """The verdict where it is certain, or its move has ended, and is another than the one last told."""
-        self._track(self.isolator, rows_of(e, k, k + 1))
+        row = rows_of(e, k, k + 1)
+        self._track(self.isolator, row)
+        self.moving += 0 if self._tested() else moving_samples(row)
         tracker = self.isolator.current
-        if tracker is None:
+        if tracker is None or not self._tested():
             return
         event = tracker.verdict()
-        if self._told(event) or (e.active[k] and event.probability < self.settings.isolated):
+        if self._already_reported(event) or (e.active[k] and event.probability < self.settings.isolated):
             return
-        self.told = event.label, event.channel
+        self.reported = event.label, event.channel
         yield Change(float(e.t[k]), event, self.moves, self.samples - e.t.size + k + 1)
 
-    def _told(self, event: Event) -> bool:
-        return (event.label, event.channel) == self.told
+    def _already_reported(self, event: Event) -> bool:
+        return (event.label, event.channel) == self.reported
 
     def _quiet(self, e: Estimate) -> bool:
         """Take samples at once if none of them can change the verdict; else leave everything as it was.
@@ -210,7 +236,7 @@ class Live:
 
     def _silent(self, event: Event, e: Estimate, winner: int) -> bool:
         """Whether no sample tells the verdict of the last one, where all of them have the same."""
-        if self._told(event):
+        if self._already_reported(event):
             return True
         if not e.active[0] or event.probability >= self.settings.isolated:
             return False

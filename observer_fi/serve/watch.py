@@ -5,13 +5,16 @@ The stream goes lines -> samples (`lines.py`) -> bank and verdict (`live.py`) ->
 
 import contextlib
 import gc
+import io
 import json
 import math
 import os
 import select
 import signal
+import stat
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +34,16 @@ from observer_fi.logs import (
     lines_of,
     numbers,
 )
-from observer_fi.physics import LABELS, Rig, label_of
+from observer_fi.physics import LABELS, NOT_TESTED, Rig, label_of
 from observer_fi.records import Array, Estimate, Event
 from observer_fi.serve.live import Change, Live, table_of
 from observer_fi.settings import Settings
 
 SCHEMA = "observer-fi/watch/1"
 READ_BYTES = 1 << 16
+TAIL_BYTES = 1 << 12  # of what was read last: a file that was rewritten has others there
 FEW_BYTES = 1 << 12  # of lines: fewer are parsed sooner one by one
+PATIENCE_S = 1.0  # that a write may take after a signal
 BUSY_S, IDLE_S = 5e-4, 0.02  # how often a file is looked at while it grows, and when it has not for a second
 
 
@@ -70,7 +75,12 @@ class Pipe:
         ready, _, _ = select.select([self.descriptor, wake], [], [], timeout)
         if self.descriptor not in ready:
             return b""
-        return os.read(self.descriptor, READ_BYTES) or None
+        try:
+            return os.read(self.descriptor, READ_BYTES) or None
+        except OSError as error:
+            raise UsageError(
+                f"{self.name}: cannot read it ({error.strerror}); pipe lines of text into it"
+            ) from error
 
     def renewed(self) -> str:
         """Whether another writer has begun: a pipe cannot know."""
@@ -81,27 +91,41 @@ class Pipe:
 
 
 class Growing:
-    """A file that another process writes; it may be cut, or replaced by a new one of the same name."""
+    """A file that another process writes; it may be cut, rewritten in place, or replaced by a new one of the same name."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, str(path)
-        self.descriptor, self.inode, self.news = -1, -1, ""
+        self.descriptor, self.news = -1, ""
         self.last_growth = -math.inf
         self._open()
 
     def _open(self) -> None:
+        """Open what has the name now; nothing, where nothing has. Raises UsageError for what is no plain file."""
+        self._begin()
         try:
-            self.descriptor = os.open(self.path, os.O_RDONLY)
+            self.descriptor = os.open(
+                self.path, os.O_RDONLY | os.O_NONBLOCK
+            )  # a FIFO would wait for its writer
         except FileNotFoundError:
             return
         except OSError as error:
             raise UsageError(
                 f"{self.path}: cannot follow it ({error.strerror}); check the path and its permissions"
             ) from error
-        self.inode = os.fstat(self.descriptor).st_ino
+        if not stat.S_ISREG(os.fstat(self.descriptor).st_mode):
+            self.close()
+            raise UsageError(
+                f"{self.path}: not a plain file, so it cannot be followed; pipe it into observer-fi watch instead"
+            )
+
+    def _begin(self) -> None:
+        """Nothing read yet: position, checksum and last bytes of what has been, and the file's change time then."""
+        self.position = self.checksum = 0
+        self.tail = b""
+        self.changed: int | None = None
 
     def read(self, wake: int, timeout: float) -> bytes | None:
-        """The next bytes; b"" after `timeout` seconds without any. A growing file has no end."""
+        """The next bytes; b"" after `timeout` seconds without any. A growing file has no end. Raises UsageError."""
         until = time.monotonic() + timeout
         while True:
             data = self._grown()
@@ -116,22 +140,56 @@ class Growing:
     def _grown(self) -> bytes:
         if self.descriptor < 0:
             self._open()
-        data = os.read(self.descriptor, READ_BYTES) if self.descriptor >= 0 else b""
-        if not data and self.descriptor >= 0:
-            self._look_for_restart()
+            if self.descriptor < 0:
+                return b""
+        try:
+            if self._rewritten():
+                self._begin()
+                self.news = "the file was rewritten"
+                return b""
+            data = os.pread(self.descriptor, READ_BYTES, self.position)
+            if not data:
+                self._look_for_restart()
+        except OSError as error:
+            raise UsageError(f"{self.path}: cannot read it any more ({error.strerror})") from error
+        self.position += len(data)
+        self.checksum = zlib.crc32(data, self.checksum)
+        self.tail = (self.tail + data)[-TAIL_BYTES:]
+        now = os.fstat(self.descriptor)
+        if data and now.st_size == self.position:  # what is written from now on changes the time again
+            self.changed = now.st_mtime_ns
         return data
+
+    def _rewritten(self) -> bool:
+        """Whether what has been read is no longer what stands there."""
+        now = os.fstat(self.descriptor)
+        if now.st_size < self.position or now.st_mtime_ns == self.changed:
+            return False
+        idle, self.changed = self.changed is not None and now.st_size == self.position, now.st_mtime_ns
+        if idle:  # it was written to, and did not grow
+            return self._checksum() != self.checksum
+        return os.pread(self.descriptor, len(self.tail), self.position - len(self.tail)) != self.tail
+
+    def _checksum(self) -> int:
+        """Of the bytes up to the position."""
+        checksum = 0
+        for first in range(0, self.position, READ_BYTES):
+            data = os.pread(self.descriptor, min(READ_BYTES, self.position - first), first)
+            checksum = zlib.crc32(data, checksum)
+        return checksum
 
     def _look_for_restart(self) -> None:
         try:
             found = os.stat(self.path)
         except OSError:
             return  # between two files: what is open can still grow
-        if found.st_ino != self.inode:
-            os.close(self.descriptor)
+        opened = os.fstat(self.descriptor)
+        if (found.st_dev, found.st_ino) != (opened.st_dev, opened.st_ino):
+            self.close()
             self._open()
             self.news = "the file was replaced"
-        elif found.st_size < os.lseek(self.descriptor, 0, os.SEEK_CUR):
-            os.lseek(self.descriptor, 0, os.SEEK_SET)
+        elif found.st_size < self.position:
+            self._begin()
             self.news = "the file was cut"
 
     def renewed(self) -> str:
@@ -143,12 +201,15 @@ class Growing:
         """Close the file."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
+            self.descriptor = -1
 
 
 class Watch:
     """One source under way, from bytes to lines of output."""
 
-    def __init__(self, options: Options, name: str, out: TextIO, complain: Callable[[str], None]) -> None:
+    def __init__(
+        self, options: Options, name: str, out: "TextIO | Breakable", complain: Callable[[str], None]
+    ) -> None:
         self.options, self.name, self.out, self.complain = options, name, out, complain
         self.splitter, self.parser, self.clock = Splitter(), Parser(name, options.columns), Clock()
         self.live = self._new_live()
@@ -156,6 +217,7 @@ class Watch:
         self.tables: list[Array] = []  # samples before those of `rows`
         self.last_t = math.nan
         self.skipped = self.faulty = self.moves = self.samples = 0
+        self.untested = True
 
     def _new_live(self) -> Live:
         o = self.options
@@ -208,8 +270,8 @@ class Watch:
             else:
                 self.rows.append(ready)
 
-    def _skip(self, what: str) -> None:
-        self.skipped += 1
+    def _skip(self, what: str, samples: int = 1) -> None:
+        self.skipped += samples
         self.complain(f"{self.name}: line {self.parser.number}: {what}; skipped")
 
     def _hold(self, table: Array) -> None:
@@ -266,7 +328,9 @@ class Watch:
 
     def _count(self) -> None:
         self.samples, self.moves = self.samples + self.live.samples, self.moves + self.live.moves
-        self.faulty += self.live.faulty + (self.live.moves > 0 and self.live.verdict().label != "nominal")
+        label = self.live.verdict().label
+        self.faulty += self.live.faulty + (label not in ("nominal", NOT_TESTED))
+        self.untested &= label == NOT_TESTED
 
     def _flush(self) -> None:
         self.rows.extend(self.clock.finish(self._skip))
@@ -277,13 +341,13 @@ class Watch:
         self._state("heartbeat")
 
     def finish(self, reason: str) -> bool:
-        """The last verdict; whether any move had a fault."""
+        """The last verdict; whether any move had a fault, or none was tested."""
         self._block(self.splitter.last())
         self._flush()
         self._tell(self.live.finish())
         self._state("end", reason)
         self._count()
-        return self.faulty > 0
+        return self.faulty > 0 or self.untested
 
     def _state(self, event: str, reason: str | None = None) -> None:
         self._write(event, self.last_t, self.live.verdict(), self.live.moves, self.live.samples, reason)
@@ -324,30 +388,43 @@ def posterior(modes: tuple[str, ...], probability: Array) -> dict[str, float]:
 
 
 def watch(source: Pipe | Growing, options: Options, out: TextIO, complain: Callable[[str], None]) -> bool:
-    """Follow a source until it ends, or until SIGINT or SIGTERM; whether any move had a fault.
+    """Follow a source until it ends, or until SIGINT or SIGTERM; whether any move had a fault, or none was tested.
 
-    Raises InvalidLogError for a stream of which no line can be used (no header, a column missing).
+    Raises InvalidLogError for a stream of which no line can be used (no header, a column missing), UsageError where it can
+    no longer be read or told.
     """
-    with signals() as (wake, stopped):
+    with signals() as stop:
         warm_up(options)
-        flow = Watch(options, source.name, out, complain)
-        told = time.monotonic()
-        while True:
-            beat = options.heartbeat_s
-            timeout = max(0.0, told + beat - time.monotonic()) if beat else 1.0
-            data = source.read(wake, timeout)
-            if stopped():
-                return flow.finish("stopped by a signal")
-            if data is None:
-                return flow.finish("the stream ended")
-            news = source.renewed()
-            if news:
-                flow.restart(news)
-            if data:
-                flow.take(data)
-            if beat and time.monotonic() - told >= beat:
-                flow.heartbeat()
-                told = time.monotonic()
+        flow = Watch(options, source.name, Breakable(out, stop), stop.breakable(complain))
+        try:
+            return _followed(source, flow, stop)
+        except StoppedError:  # while nobody took what was written
+            let_go(sys.stdout, sys.stderr)
+            return flow.faulty > 0
+
+
+def _followed(source: Pipe | Growing, flow: "Watch", stop: "Stop") -> bool:
+    """The source to its end."""
+    last_beat, beat = time.monotonic(), flow.options.heartbeat_s
+    while True:
+        timeout = max(0.0, last_beat + beat - time.monotonic()) if beat else 1.0
+        try:
+            data = source.read(stop.wake, min(timeout, 1.0))
+        except UsageError:
+            flow.finish("the source cannot be read any more")
+            raise
+        if stop.came:
+            return flow.finish("stopped by a signal")
+        if data is None:
+            return flow.finish("the stream ended")
+        news = source.renewed()
+        if news:
+            flow.restart(news)
+        if data:
+            flow.take(data)
+        if beat and time.monotonic() - last_beat >= beat:
+            flow.heartbeat()
+            last_beat = time.monotonic()
 
 
 def warm_up(options: Options) -> None:
@@ -361,20 +438,88 @@ def warm_up(options: Options) -> None:
     gc.freeze()
 
 
+class StoppedError(Exception):
+    """A signal came while a write waited for a reader that takes nothing."""
+
+
+class Stop:
+    """Whether SIGINT or SIGTERM came. wake: a descriptor that wakes `select` when one does."""
+
+    def __init__(self, wake: int) -> None:
+        self.wake, self.came, self.writing = wake, False, False
+
+    def on_signal(self, number: int, frame: object) -> None:
+        """Take note; a write gets PATIENCE_S to end by itself."""
+        self.came = True
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE_S, PATIENCE_S)
+
+    def on_alarm(self, number: int, frame: object) -> None:
+        """Break off a write that still waits."""
+        if self.writing:
+            raise StoppedError
+
+    def breakable(self, write: Callable[[str], object]) -> Callable[[str], None]:
+        """The same function, which `on_alarm` can break off."""
+
+        def written(text: str) -> None:
+            self.writing = True
+            try:
+                write(text)
+            finally:
+                self.writing = False
+
+        return written
+
+
+class Breakable(io.TextIOBase):
+    """Output whose writes a signal can break off, each flushed at once. Raises UsageError where it takes nothing."""
+
+    def __init__(self, out: TextIO, stop: Stop) -> None:
+        self.out, self._put = out, stop.breakable(self._through)
+
+    def _through(self, text: str) -> None:
+        self.out.write(text)
+        self.out.flush()
+
+    def write(self, text: str) -> int:
+        """Write and flush."""
+        try:
+            self._put(text)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise OutputError(
+                f"standard output cannot be written ({error.strerror}); free the disk, or read it"
+            ) from error
+        return len(text)
+
+
+def let_go(*streams: TextIO | None) -> None:
+    """Nobody takes what is still to be written: the interpreter's last flush must not fail or wait for it."""
+    for stream in streams:
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # type: ignore[union-attr]
+
+
+class OutputError(UsageError):
+    """Output that nobody takes."""
+
+
 @contextlib.contextmanager
-def signals() -> Iterator[tuple[int, Callable[[], bool]]]:
-    """A descriptor that wakes `select` on SIGINT or SIGTERM, and whether one came; handlers are put back at the end."""
+def signals() -> Iterator[Stop]:
+    """SIGINT and SIGTERM are noted instead of ending the process; handlers are put back at the end."""
     read, write = os.pipe()
     os.set_blocking(write, False)
-    came: list[int] = []
-    wanted = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda number, frame: came.append(number)) for number in wanted]
+    stop = Stop(read)
+    wanted = {signal.SIGINT: stop.on_signal, signal.SIGTERM: stop.on_signal, signal.SIGALRM: stop.on_alarm}
+    before = {number: signal.signal(number, handler) for number, handler in wanted.items()}
     before_fd = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
     try:
-        yield read, lambda: bool(came)
+        yield stop
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.set_wakeup_fd(before_fd)
-        for number, handler in zip(wanted, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)
         os.close(read)
         os.close(write)
@@ -386,13 +531,13 @@ def run(args: Any, complain: Callable[[str], None]) -> int:
     from observer_fi.physics import load_rig
     from observer_fi.settings import load_settings
 
-    if args.every < 0 or not args.heartbeat >= 0.0:
-        raise UsageError("--every and --heartbeat must not be negative")
     columns = load_columns(args.columns) if args.columns else PLAIN
     options = Options(
         load_rig(args.rig), load_settings(args.settings), columns, args.engine, args.filter, args.every,
         args.heartbeat, args.quiet,
     )  # fmt: skip
+    if args.follow is None and sys.stdin is None:
+        raise UsageError("standard input is closed: pipe a logger into watch, or give --follow FILE")
     if args.follow is None and sys.stdin.isatty():
         raise UsageError(
             "watch reads samples from standard input: pipe a logger into it, or give --follow FILE"
@@ -400,6 +545,9 @@ def run(args: Any, complain: Callable[[str], None]) -> int:
     source = Pipe(sys.stdin.fileno()) if args.follow is None else Growing(args.follow)
     try:
         faulty = watch(source, options, sys.stdout, complain)
+    except OutputError:
+        let_go(sys.stdout)
+        raise
     finally:
         source.close()
     return 3 if faulty and args.fail_on_fault else 0

@@ -4,16 +4,20 @@ from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import Isolator, log_verdict, tested
+from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_samples
 
 __all__ = [
+    "FEWEST_MOVING",
     "Isolator",
     "as_dict",
     "compare",
     "comparison",
     "diagnose",
     "diagnose_log",
+    "for_readings",
     "log_verdict",
     "make_bank",
+    "moving_samples",
     "open_loop_estimate",
     "scenarios",
     "scores",

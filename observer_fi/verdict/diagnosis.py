@@ -11,8 +11,18 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.logs import CHUNK_ROWS, ColumnMap, log_name, log_segments, open_log, read_log, suspect_units
-from observer_fi.physics import NOMINAL, Rig, channel_of, label_of
+from observer_fi.logs import (
+    ABSENT,
+    CHUNK_ROWS,
+    ColumnMap,
+    log_name,
+    log_segments,
+    open_log,
+    read_log,
+    suspect_units,
+    with_command,
+)
+from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
@@ -21,6 +31,7 @@ from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
+from observer_fi.verdict.testable import Testable, for_readings, untested
 
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 MIXTURE_POINTS = 2000
@@ -60,21 +71,17 @@ def diagnose(
     """
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
-    recovered = None if file.has_command else _recovered(path, rig, columns)
+    recovered = None
+    if not (file.has_command or rig.driven.command):
+        recovered = with_command(read_log(path, columns), rig.model)
     run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
+    notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
-        "rejected_count": whole.rejected_count, "notes": whole.notes,
+        "rejected_count": whole.rejected_count, "notes": tuple(notes),
     }  # fmt: skip
     return run.outcome(log_name(path), facts)
-
-
-def _recovered(path: str | Path, rig: Rig, columns: ColumnMap | None) -> Log:
-    """The whole log with the command that its data show, noted."""
-    from observer_fi.logs import recover_command
-
-    return recover_command(read_log(path, columns), rig.model)
 
 
 def _pieces(log: Log) -> Iterator[Log]:
@@ -92,7 +99,8 @@ def diagnose_log(
 def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
-    """The verdict on a log in memory, and the bank's estimate that it rests on."""
+    """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
+    log = log if rig.driven.command else with_command(log, rig.model)
     run = Diagnosis(rig, settings, engine, filter_kind)
     estimate = run.add(log)
     facts = {
@@ -114,7 +122,21 @@ class Diagnosis:
     ) -> None:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
         self.engine, self.filter_kind = engine, filter_kind
-        self.bank = make_bank(rig, settings, engine, filter_kind)
+        self._make_banks()
+        modes = tuple(h.name for h in self.bank.hypotheses)
+        self.isolator, self.testable = Isolator(modes, settings.decision), Testable()
+        self.onsets: dict[tuple[float, int], Any] = {}
+        self.told: dict[float, Event] = {}  # what whole moves said, by their start
+        self.overview, self.zoom = sketch.Overview(), Zoom()
+        self.baseline = Baseline(rig, settings)
+        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
+        self.begun = False
+        self.path = ""
+        self.suspects: tuple[str, ...] | None = None
+
+    def _make_banks(self) -> None:
+        rig, settings = self.rig, self.settings
+        self.bank = make_bank(rig, settings, self.engine, self.filter_kind)
         # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
         self.keeper: kernels.Bank = (
             self.bank
@@ -122,22 +144,14 @@ class Diagnosis:
             else kernels.Bank(rig, settings.bank, hypotheses=self.bank.hypotheses[:1])
         )
         self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
-        modes = tuple(h.name for h in self.bank.hypotheses)
-        self.isolator = Isolator(modes, settings.decision)
-        self.onsets: dict[tuple[float, int], Any] = {}
         self.last_word = LastWord(rig, self.filters, settings.decision)
-        self.told: dict[float, Event] = {}  # what whole moves said, by their start
-        self.overview, self.zoom = sketch.Overview(), Zoom()
-        self.baseline = Baseline(rig, settings)
-        self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
-        self.path = ""
-        self.suspects: tuple[str, ...] | None = None
 
     def add_all(self, logs: Iterable[Log]) -> None:
         """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
         with ThreadPoolExecutor(1) as thread:
             before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
-            for log in logs:
+            for given in logs:
+                log = commanded(given, self.rig)
                 ahead = log, thread.submit(self._advanced, log)
                 if before is not None:
                     self._judge(before[0], *before[1].result())
@@ -147,16 +161,27 @@ class Diagnosis:
 
     def add(self, log: Log) -> Estimate:
         """Take the next chunk; the bank's estimate of it."""
+        log = commanded(log, self.rig)
         estimate, memory = self._advanced(log)
         self._judge(log, estimate, memory)
         return estimate
 
     def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
         """The bank's estimate of the next chunk, and what it remembers after it."""
+        if not self.begun:
+            self._begin(log)
         estimate = self.bank.advance(log)
         if self.keeper is not self.bank:
             self.keeper.advance(log)
         return estimate, self.keeper.memory()
+
+    def _begin(self, log: Log) -> None:
+        """Fit the bank to what the first samples show of the readings."""
+        self.begun = True
+        bank = for_readings(self.settings.bank, self.rig, log.z)
+        if bank is not self.settings.bank:
+            self.settings = replace(self.settings, bank=bank)
+            self._make_banks()
 
     def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
         self.path, self.memory = log.path, memory
@@ -167,6 +192,7 @@ class Diagnosis:
             self.suspects = suspect_units(log, log_segments(log), self.rig.model)
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
+        self.testable.add(log, estimate)
         for tracker in self.isolator.add(estimate):
             self._look_for_onsets(tracker)
         self._ask_moves(self.isolator.events)
@@ -235,8 +261,10 @@ class Diagnosis:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
-        events = [self._finished(e) for e in found.events]
-        isolation = Isolation(log_verdict(events), tuple(events), found.consistency)
+        events = tuple(self._finished(e) for e in found.events)
+        verdict = log_verdict(list(events))
+        lack = self.testable.lack(self.rate, self.rig, verdict.label)
+        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
@@ -244,8 +272,8 @@ class Diagnosis:
         mixture = self.baseline.traces()
         return Outcome(
             name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
-            self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
-            sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
+            None if lack else self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
+            None if lack else sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
         )  # fmt: skip
@@ -344,6 +372,7 @@ def _part(log: Log, rows: slice) -> Log:
     return replace(
         log, t=log.t[rows], z=log.z[rows], w_cmd=log.w_cmd[rows], pitch=log.pitch[rows],
         encoder=None if log.encoder is None else log.encoder[rows], force=None if log.force is None else log.force[rows],
+        position_cmd=None if log.position_cmd is None else log.position_cmd[rows],
     )  # fmt: skip
 
 

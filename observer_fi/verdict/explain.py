@@ -1,15 +1,23 @@
 """Verdicts in words that a technician can act on."""
 
-from observer_fi.physics import FAULTS, NOMINAL, Rig
+from observer_fi.physics import FAULTS, NOMINAL, NOT_TESTED, Rig
 from observer_fi.records import Event, Isolation, Log
 
 
 def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     """One paragraph: what happened, when, how sure, what it could be instead, what to do."""
-    v, row = isolation.verdict, FAULTS[isolation.verdict.label]
+    v = isolation.verdict
+    if v.label == NOT_TESTED:
+        return f"Not tested: {v.reasons[0]}, so it says nothing about the actuator."
+    row = FAULTS[v.label]
     words = [row.says(row.happened, v.channel)]
     if v.label != NOMINAL:
         words.append(_when(v))
+    if v.severity:
+        words.append(_sentence(", ".join(s.words for s in v.severity)))
+    if v.alike:
+        titles = " or ".join(FAULTS[label].title.lower() for label in v.alike)
+        words.append(f"These data cannot tell it from: {titles}.")
     words.append(f"The probability of this verdict is {_percent(v.probability)}.")
     words += [f"Note: {reason}." for reason in v.reasons]
     words += [text for text in (row.alike.get(v.channel, ""), row.caveat(rig.model)) if text]
@@ -24,8 +32,6 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
     words.append(row.says(row.action, v.channel))
-    if not isolation.events:
-        words = ["The log holds no commanded move, so it says nothing about the actuator."]
     return " ".join(words)
 
 
@@ -44,7 +50,13 @@ def _when(v: Event) -> str:
         text += f" (95 % between {low:.3f} and {high:.3f} s)"
     if v.isolated_s is not None:
         text += f" and was certain from {v.isolated_s:.3f} s on"
+    if v.over_s is not None:
+        text += f"; it was over at {v.over_s:.3f} s"
     return text + "."
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _percent(p: float) -> str:

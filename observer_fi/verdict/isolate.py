@@ -16,6 +16,7 @@ from observer_fi.bank import usual_step
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
 from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
+from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
 SETTLING = 8  # samples after a change of winner
@@ -369,16 +370,14 @@ class Isolator:
 
 
 def log_verdict(events: list[Event]) -> Event:
-    """One verdict for a log: the first move with a fault; else the least certain of the healthy ones."""
+    """One verdict for a log: the first move with a fault; else the least certain of the healthy ones; not tested
+    without any."""
     faults = [e for e in events if e.label != NOMINAL]
     if faults:
         return faults[0]
     if events:
         return min(events, key=lambda e: e.probability)
-    posterior = dict.fromkeys(LABELS, 0.0) | {NOMINAL: 1.0}
-    return Event(
-        NOMINAL, None, 1.0, None, (None, None), None, None, 0.0, 0.0, posterior, ("the log holds no move",)
-    )
+    return not_tested(NO_MOVE)
 
 
 class Whiteness:

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import (
     Bank,
-    Feed,
     Hypothesis,
-    Memory,
+    HypothesisState,
+    LogSamples,
     arrays,
     bank_rows,
-    memory_of,
-    put,
-    remembered,
-    scratch,
-    seats,
+    bank_state_of,
     start,
+    state_of,
+    state_places,
     tuning,
+    work_arrays,
+    write_state,
 )
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.numerics import MOST
@@ -50,26 +50,26 @@ class _SideBySide:
         hypotheses = (hypothesis,) * count
         b = arrays(hypotheses, rig, settings)
         self.rows, self.room = bank_rows(hypotheses, b), n
-        self.seats = seats(self.rows, 0)  # all have the same
-        self.state = remembered(self.rows, start(hypotheses, b, np.zeros(3), 0.0))
-        self.tuning, self.scratch = tuning(settings), scratch(self.rows)
+        self.seats = state_places(self.rows, 0)  # all have the same
+        self.state = bank_state_of(self.rows, start(hypotheses, b, np.zeros(3), 0.0))
+        self.tuning, self.scratch = tuning(settings), work_arrays(self.rows)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
         self.still, self.out = np.zeros(n, dtype=np.bool_), kernels.written(n, count)
 
-    def begin(self, memory: Memory) -> None:
+    def begin(self, memory: HypothesisState) -> None:
         """The filters with the first of them there; the others may hold anything until they are put in."""
         self.state.z[:], self.state.t[:], self.state.stopped[:] = memory.z, memory.t, memory.stopped
         self.put(0, memory)
 
-    def put(self, row: int, memory: Memory) -> None:
+    def put(self, row: int, memory: HypothesisState) -> None:
         """One more filter."""
-        put(self.state, row, self.seats, memory)
+        write_state(self.state, row, self.seats, memory)
 
-    def memory(self) -> Memory:
+    def memory(self) -> HypothesisState:
         """What the first filter remembers."""
-        return memory_of(self.state, 0, self.seats)
+        return state_of(self.state, 0, self.seats)
 
-    def density(self, w: Feed, first: int, last: int) -> Array:
+    def density(self, w: LogSamples, first: int, last: int) -> Array:
         """Log-densities of samples first:last, (last - first, count), a step of all filters; of any number of samples a copy."""
         if last - first > self.room:
             middle = [*range(first, last, self.room), last]
@@ -78,6 +78,10 @@ class _SideBySide:
         feed = w.cut(first, last)._replace(active=self.still[: last - first])
         kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
         return out.density
+
+    def misfit(self, samples: int) -> Array:
+        """Normalised innovation squared of the samples that `density` last took, (samples, count)."""
+        return self.out.nis[:samples]
 
 
 class Filters:
@@ -107,7 +111,7 @@ class Entry:
         source: Hypothesis,
         target: Hypothesis,
         filters: Filters,
-        known: tuple[Hypothesis, Memory] | None = None,
+        known: tuple[Hypothesis, HypothesisState] | None = None,
     ) -> None:
         f = filters.of(target, 1, ROOM)
         n, (mean, var) = len(target.states), f.prior
@@ -118,12 +122,12 @@ class Entry:
             self._fill(target, *known, [s for s in known[0].states if s not in source.states])
         self.to, self.at = _places(target, source, list(source.states))
 
-    def _fill(self, target: Hypothesis, kept: Hypothesis, memory: Memory, states: list[str]) -> None:
+    def _fill(self, target: Hypothesis, kept: Hypothesis, memory: HypothesisState, states: list[str]) -> None:
         to, at = _places(target, kept, states)
         self.x[to] = memory.x[at]
         self.P[to[:, None], to] = memory.P[at[:, None], at]
 
-    def __call__(self, source: Memory) -> Memory:
+    def __call__(self, source: HypothesisState) -> HypothesisState:
         """The target's memory from the source's."""
         x, P = self.x.copy(), self.P.copy()
         x[self.to] = source.x[self.at]
@@ -144,7 +148,12 @@ class _Scores:
     """Log-likelihood of a window with an onset at a sample: nominal before it, the fault from it on."""
 
     def __init__(
-        self, start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
+        self,
+        start: HypothesisState,
+        nominal: Hypothesis,
+        fault: Hypothesis,
+        window: LogSamples,
+        filters: Filters,
     ) -> None:
         n = window.t.size
         self.window, self.n = window, n
@@ -160,7 +169,7 @@ class _Scores:
         self.memories.append(self.own.memory())
         self.until.append(self.until[-1] + gained)
 
-    def _before(self, k: int) -> tuple[Memory, float]:
+    def _before(self, k: int) -> tuple[HypothesisState, float]:
         """The nominal filter before sample k, and its log-likelihood until then."""
         memory, past, extra = self.memories[k // STRIDE], self.until[k // STRIDE], k % STRIDE
         if extra:
@@ -190,7 +199,7 @@ class _Scores:
 
 
 def find_onset(
-    start: Memory, nominal: Hypothesis, fault: Hypothesis, window: Feed, filters: Filters
+    start: HypothesisState, nominal: Hypothesis, fault: Hypothesis, window: LogSamples, filters: Filters
 ) -> Onset:
     """Onset of `fault` within `window`, from the nominal hypothesis' memory before its first sample.
 

@@ -151,6 +151,7 @@ def cut(log: Log, first: int, last: int | None = None) -> Log:
         pitch=log.pitch[part],
         encoder=None if log.encoder is None else log.encoder[part],
         force=None if log.force is None else log.force[part],
+        position_cmd=None if log.position_cmd is None else log.position_cmd[part],
         first_row=log.first_row + first,
     )
 

@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.bank import Feed, Hypothesis, Memory
+from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
 from observer_fi.records import Array
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
 CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
-TRIALS = 16  # begins that a first look tries
+TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
 LOOKS = (
     200,
     1600,
@@ -30,14 +30,16 @@ KEPT = 5  # hypotheses of each look that are followed to the end
 class Path(NamedTuple):
     """One way in which a move may have gone. begin, end: samples of the window, end None where it lasted to the last.
 
-    gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended.
+    gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
+    innovation squared of the fault's filter while it lasted.
     """
 
     hypothesis: Hypothesis
     begin: int
     end: int | None
     gain: float
-    memory: Memory
+    memory: HypothesisState
+    nis: float
 
 
 class WholeMove:
@@ -47,34 +49,37 @@ class WholeMove:
     """
 
     def __init__(
-        self, hypotheses: Sequence[Hypothesis], window: Feed, memory: Memory, filters: Filters
+        self, hypotheses: Sequence[Hypothesis], window: LogSamples, memory: HypothesisState, filters: Filters
     ) -> None:
         self.nominal, self.faults = hypotheses[0], tuple(hypotheses[1:])
         self.window, self.n, self.filters = window, window.t.size, filters
-        self.memories, density = self._follow(self.nominal, memory, 0)
+        self.memories, density, self.nis = self._follow(self.nominal, memory, 0)
         self.until = np.concatenate(([0.0], np.cumsum(density)))
 
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
         begins = self._promising(max(first, 0), min(last, self.n - LEFT))
-        found = [path for h, begin in begins for path in self._ends(h, self._refined(h, begin))]
+        found = [path for h, begin, look in begins for path in self._ends(h, self._refined(h, begin, look))]
         return sorted(found, key=lambda path: -path.gain)
 
-    def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int]]:
-        """Hypotheses and begins that some look finds good; one of each within a stride."""
-        chosen: dict[tuple[str, int], tuple[Hypothesis, int]] = {}
+    def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int, int]]:
+        """Hypotheses and begins that some look finds good, and that look."""
+        chosen: dict[tuple[str, int, bool], tuple[Hypothesis, int, int]] = {}
         if last <= first:
             return []
         for look in (*LOOKS, self.n):
             seen = [(*self._best_begin(h, first, last, look), h) for h in self.faults]
             for gain, begin, h in sorted(seen, key=lambda item: -item[0])[:KEPT]:
                 if gain > 0.0:
-                    chosen.setdefault((h.name, begin // STRIDE), (h, begin))
+                    chosen.setdefault((h.name, begin // STRIDE, look > LOOKS[0]), (h, begin, look))
         return list(chosen.values())
 
     def _best_begin(self, h: Hypothesis, first: int, last: int, look: int) -> tuple[float, int]:
         """Gain over the next `look` samples, and the begin that has it, to a stride."""
-        low, step = first // STRIDE * STRIDE, max(STRIDE, (last - first) // TRIALS // STRIDE * STRIDE)
+        low, step = (
+            first // STRIDE * STRIDE,
+            max(STRIDE, min(last - first, look * TRIALS // 2) // TRIALS // STRIDE * STRIDE),
+        )
         gains = self._gains(h, range(low, last + 1, step), look)
         best = max(gains, key=lambda k: gains[k])
         while step > STRIDE:
@@ -84,11 +89,12 @@ class WholeMove:
             best = max(gains, key=lambda k: gains[k])
         return gains[best], best
 
-    def _refined(self, h: Hypothesis, begin: int) -> int:
+    def _refined(self, h: Hypothesis, begin: int, look: int) -> int:
         """The begin to a sample: all are judged up to the same sample."""
+        look = min(look, LOOKS[1])
         for around, step in ((4 * STRIDE, 8), (8, 1)):
             near = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
-            gains = self._gains(h, near, LOOKS[0], begin + around + LOOKS[0])
+            gains = self._gains(h, near, look, begin + around + look)
             begin = max(gains, key=lambda k: gains[k])
         return begin
 
@@ -102,7 +108,7 @@ class WholeMove:
         out = self._together(h, entered, stops)
         return {k: v - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
 
-    def _nominal_at(self, k: int) -> Memory:
+    def _nominal_at(self, k: int) -> HypothesisState:
         """What nominal remembers before sample k."""
         memory, extra = self.memories[k // STRIDE], k % STRIDE
         if not extra:
@@ -112,7 +118,9 @@ class WholeMove:
         alone.density(self.window, k - extra, k)
         return alone.memory()
 
-    def _together(self, h: Hypothesis, entered: dict[int, Memory], stops: dict[int, int]) -> dict[int, float]:
+    def _together(
+        self, h: Hypothesis, entered: dict[int, HypothesisState], stops: dict[int, int]
+    ) -> dict[int, float]:
         """Log-likelihood of the samples from each entry to its stop: MOST filters side by side, which join one by one."""
         out: dict[int, float] = {}
         samples = sorted(entered)
@@ -130,22 +138,26 @@ class WholeMove:
             out |= dict(zip(part, totals.tolist(), strict=True))
         return out
 
-    def _follow(self, h: Hypothesis, memory: Memory, first: int) -> tuple[list[Memory], Array]:
-        """The filter's memories at every STRIDE samples from `first` on, and the log-density of each sample."""
+    def _follow(
+        self, h: Hypothesis, memory: HypothesisState, first: int
+    ) -> tuple[list[HypothesisState], Array, Array]:
+        """The filter's memories at every STRIDE samples from `first` on; log-density and misfit of each sample."""
         alone = self.filters.of(h, 1, ROOM)
         alone.begin(memory)
-        memories, parts = [memory], []
+        memories, densities, misfits = [memory], [], []
         for a in range(first, self.n, STRIDE):
-            parts.append(alone.density(self.window, a, min(a + STRIDE, self.n))[:, 0].copy())
+            b = min(a + STRIDE, self.n)
+            densities.append(alone.density(self.window, a, b)[:, 0].copy())
+            misfits.append(alone.misfit(b - a)[:, 0].copy())
             memories.append(alone.memory())
-        return memories, np.concatenate(parts)
+        return memories, np.concatenate(densities), np.nan_to_num(np.concatenate(misfits))
 
     def _ends(self, h: Hypothesis, begin: int) -> list[Path]:
         """The path that stays to the end, and the best one on which nominal comes back."""
         before = self._nominal_at(begin)
-        memories, density = self._follow(h, Entry(self.nominal, h, self.filters)(before), begin)
+        memories, density, nis = self._follow(h, Entry(self.nominal, h, self.filters)(before), begin)
         gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
-        stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1])
+        stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1], float(nis.mean()))
         back = Entry(h, self.nominal, self.filters, (self.nominal, before))
         tried: dict[int, float] = {}
 
@@ -166,4 +178,5 @@ class WholeMove:
             step, best = max(STRIDE, step // 4 // STRIDE * STRIDE), max(tried, key=lambda k: tried[k])
             gains(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step))
         best = max(tried, key=lambda k: tried[k])
-        return [stays, Path(h, begin, best, tried[best], memories[(best - begin) // STRIDE])]
+        lasted = float(nis[: best - begin].mean())
+        return [stays, Path(h, begin, best, tried[best], memories[(best - begin) // STRIDE], lasted)]

@@ -21,7 +21,6 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.bank import smoothing
 from observer_fi.bank.filterpy_bank import FilterpyBank
 from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import Hypothesis, bank, transition_rates
@@ -129,25 +128,6 @@ def test_linear_hypotheses_are_a_textbook_imm(kind: str) -> None:
     np.testing.assert_allclose(got.probability, expected, rtol=0.0, atol=1e-10)
     for found, (x, P) in zip(made.moments(), moments, strict=True):
         assert_moments(*found, x, P)
-
-
-def test_linear_smoother_is_the_textbook_one() -> None:
-    h, log = linear_hypothesis("nominal"), linear_log(60, seed=2)
-    F, push, *_ = oracles.servo(h.model, DT)
-    Q = np.diag(kernels.Bank(LINEAR_RIG, LINEAR, (h,)).arrays.diffusion[0] * DT)
-    x, P, _ = textbook_update(h, *textbook_start(h, log), log.z[0])
-    xs, Ps, ahead, P_ahead = [x], [P], [x], [P]
-    for z in log.z[1:]:
-        x, P = oracles.kalman_predict(x, P, F, Q, push * SPEED)
-        ahead.append(x)
-        P_ahead.append(P)
-        x, P, _ = textbook_update(h, x, P, z)
-        xs.append(x)
-        Ps.append(P)
-    expected_x, expected_P = oracles.rts(xs, Ps, [F] * len(xs), ahead, P_ahead)
-    x, P = smoothing.smooth(log, h, LINEAR_RIG, LINEAR)
-    for k in range(len(xs)):
-        assert_moments(x[k], P[k], expected_x[k], expected_P[k])
 
 
 def test_ekf_and_ukf_of_a_linear_bank_agree() -> None:
@@ -397,20 +377,6 @@ def test_filters_know_how_wrong_they_are(kind: str) -> None:
     assert np.sqrt((off[:, RINGING, 1] ** 2).mean()) < 5e-3
     assert 2.85 < nis[:, 1600:2080].mean() < 3.15  # 9600 dependent samples: 3 within 5 %
     assert nis[:, 480:576].mean() < 3.0
-
-
-def test_smoothing_none_of_these_recovers_what_the_equations_lack() -> None:
-    """An overload's stop takes E of the travel: the free rate is -E D w from the onset on and 0 before (5 sigma)."""
-    log, spec = move(3, "overload"), case(3, "overload")
-    unknown = next(h for h in bank(RIG, SETTINGS) if h.name == "unknown")
-    x, P = smoothing.smooth(log, unknown, RIG, SETTINGS)
-    at = unknown.states.index("rate")
-    before, after = np.searchsorted(log.t, onset(3, "overload") + np.array([-0.05, 0.5]))
-    std = np.sqrt(P[:, at, at])
-    assert abs(x[before, at]) < 5.0 * std[before]
-    assert (
-        abs(x[after, at] + spec.rig.E * spec.rig.D * x[after, 0]) < 5.0 * std[after] < 0.9 * abs(x[after, at])
-    )
 
 
 # --- hypotheses side by side ----------------------------------------------------------------------

@@ -6,24 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
-from filterpy.kalman import rts_smoother as filterpy_rts
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
-from moves import case, cut, holed, move, onset, rows
+from moves import cut, holed, move, onset, rows
 from scipy.linalg import cholesky, expm
 
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.bank import smoothing
 from observer_fi.bank import transition as tr
 from observer_fi.bank.filterpy_bank import Ekf, FilterpyBank, LogIMM, Observer, Step, Ukf
-from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
 from observer_fi.bank.ukf import factor
 from observer_fi.logs.ingest import read_log
 from observer_fi.physics import rigs as models
-from observer_fi.physics.rigs import load_rig, with_values
+from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
 
@@ -351,7 +348,7 @@ def test_the_mean_moves_by_the_equations_not_by_the_jacobian() -> None:
     f = at_speed(Ekf)
     f.x[:2] = 50.0, 1.5  # saturated
     x = f.x.copy()
-    assert not f._moved(x, np.zeros(tr.SLOW), STEADY)
+    assert not f._moved(x, tr.slow_at_rest(f.base), STEADY)
     before = f.x.copy()
     f.predict(STEADY)
     np.testing.assert_array_equal(f.x, x)
@@ -390,52 +387,3 @@ def test_a_covariance_that_rounding_spoilt_still_has_sigma_points() -> None:
         f.update(np.array([9.0, 0.02, 1e-3 + 1e-8 * (-1) ** k]))
     assert np.isfinite(f.x).all() and np.isfinite(f.P).all()
     assert f.x[2] == pytest.approx(1e-3, abs=2e-6)  # it expects 0.4 um of travel a sample
-
-
-# --- smoothing ------------------------------------------------------------------------------------
-
-
-def test_smoother_equals_filterpys_on_a_linear_case() -> None:
-    """Without friction, saturation and travel the servo is linear around its steady state."""
-    free = with_values(RIG, {"A": 1e-30, "A_decoupled": 1e-30, "B": 1e-30, "Vmax": 1e6, "D": 1e-30})
-    settings = BankSettings(augment=False, timing=0.0, agility=0.0, tick_s=0.0, glitch_sigma=1e6)
-    h = bank(free, settings)[0]
-    assert h.states == ("w", "I", "x")
-    rng = np.random.default_rng(0)
-    n = 120
-    fixed = np.array([300.0, 0.0, 0.0])
-    f = Ekf(h, free, settings)
-    log = Log("", np.arange(n) * DT, rng.normal(size=(n, 3)) * free.noise_std, np.full(n, 300.0), np.zeros(n))
-    log.z[:, 0] += free.model["Km"] * 300.0
-    log.z[40:50] = np.nan
-    (first,) = start((h,), f.b, first_readings(log.z), 300.0)
-    f.x, f.P = first.x, first.P
-    xs, Ps, Fs, Qs = np.empty((n, 3)), np.empty((n, 3, 3)), [], []
-    for k in range(n):
-        f.predict(STEADY._replace(dt=np.nan if k == 0 else DT))
-        Fs.append(f.F.copy())
-        Qs.append(f.Q.copy())
-        f.update(log.z[k])
-        xs[k], Ps[k] = f.x - fixed, f.P
-    expected_x, expected_P, *_ = filterpy_rts(xs, Ps, Fs[1:] + Fs[:1], Qs[1:] + Qs[:1])
-    x, P = smoothing.smooth(log, h, free, settings)
-    scale = np.sqrt(np.diag(P[n // 2]))
-    np.testing.assert_allclose((x - fixed) / scale, expected_x / scale, rtol=0.0, atol=1e-7)
-    np.testing.assert_allclose(
-        P / np.outer(scale, scale), expected_P / np.outer(scale, scale), rtol=1e-7, atol=1e-9
-    )
-
-
-def test_smoothed_states_lie_closer_to_the_truth() -> None:
-    from hidden import true_motion
-
-    log, truth = cut(move(5, "nominal"), 0.0, 1.0), true_motion(case(5, "nominal"))
-    one = kernels.Bank(RIG, SETTINGS, hypotheses=(NOMINAL,))
-    filtered = one.advance(log).states
-    x, P = smoothing.smooth(log, NOMINAL, RIG, SETTINGS)
-    assert (np.linalg.eigvalsh(P) > -1e-15).all()
-    moving = slice(700, log.t.size)
-    for k, true in ((0, truth.speed), (2, truth.position)):
-        before = np.std(filtered[moving, k] - true[: log.t.size][moving])
-        after = np.std(x[moving, k] - true[: log.t.size][moving])
-        assert after < before

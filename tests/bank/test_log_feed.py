@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer_fi.bank.log_feed import LARGEST, LONGEST_S, SETTLING, CommandStream, LogStream, place
+from observer_fi.bank.log_feed import (
+    LARGEST,
+    LONGEST_S,
+    MISSING_PER_SAMPLE,
+    MOST_MISSING,
+    SETTLING,
+    CommandStream,
+    LogStream,
+    place,
+)
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
 
@@ -218,3 +227,23 @@ def test_what_is_placed_is_what_a_log_stream_leaves_as_it_is(column: int, odd: f
     if fits:
         placed = zip((t, z, pitch, w), given, strict=True)
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in placed)
+
+
+def bursts(count: int, samples: int = 30, pause: float = 1000.0) -> np.ndarray:
+    return np.concatenate([k * pause + np.arange(samples) / 1600 for k in range(count)])
+
+
+def test_a_long_gap_alone_gets_all_its_samples() -> None:
+    _, own = LogStream().take(log_of(bursts(2)))
+    assert np.count_nonzero(~own) == MOST_MISSING - 1
+
+
+@pytest.mark.parametrize("cut", [1, 29, 30, 31, 3000])
+def test_many_gaps_cost_no_more_than_the_samples_allow_also_in_chunks(cut: int) -> None:
+    t = bursts(600)
+    filled, own = LogStream().take(log_of(t))
+    assert filled.t.size <= MOST_MISSING + (1 + MISSING_PER_SAMPLE) * t.size
+    assert np.array_equal(filled.t[own], t) and np.all(np.diff(filled.t) > 0.0)
+    chunked = LogStream()
+    parts = [chunked.take(log_of(part))[0] for part in np.split(t, range(cut, t.size, cut)[:50])]
+    assert np.array_equal(np.concatenate([part.t for part in parts]), filled.t)

@@ -58,11 +58,11 @@ def step(
     b: BankArrays = ARRAYS,
 ) -> tuple[np.ndarray, bool]:
     """State j one sample later, and whether the motor rests."""
-    x, p, slow, at = x[j].copy(), b.parameters[j].copy(), np.zeros(tr.SLOW), b.layout[j]
+    x, p, slow, at = x[j].copy(), b.parameters[j].copy(), tr.slow_at_rest(b.parameters[j]), b.layout[j]
     has = (at >= 0).astype(float)
     tr.load_parameters(x, at, has, b.parameters[j], p)
     interval = np.full((1, 2 * steps), w_cmd)
-    resting = tr.propagate(x, at, has, slow, dt, interval, 0, w_cmd, theta, p)
+    resting, _ = tr.propagate(x, at, has, slow, dt, dt, interval, 0, w_cmd, theta, p)
     return x, bool(resting)
 
 
@@ -219,15 +219,18 @@ def test_half_steps_of_the_command_are_used() -> None:
 # --- channels ------------------------------------------------------------------------------------
 
 
-def seen(j: int, x: np.ndarray, w_cmd: float, b: BankArrays = ARRAYS) -> tuple[np.ndarray, np.ndarray]:
-    """Readings (3,) and their slopes (3, 4) by w, I, x and the factor of the supply."""
-    base, at = b.parameters[j], b.layout[j]
+def seen(
+    j: int, x: np.ndarray, w_cmd: float, b: BankArrays = ARRAYS, trail: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (3,) and their slopes (3, 4) by w, I, x and the factor of the supply; trail: what the lag is behind [m]."""
+    base, at, slow = b.parameters[j], b.layout[j], tr.slow_at_rest(b.parameters[j])
+    slow[tr.Carried._fields.index("trail")] = trail
     p = base.copy()
     tr.load_parameters(x[j], at, (at >= 0).astype(float), base, p)
-    V, i, shown, V_w, V_I, V_v, i_w, i_I, i_v, x_w, x_x = tr.readings(
-        *x[j, :3], 0.0, 0.0, 0.0, w_cmd, p, base[a.VMAX]
+    V, i, shown, V_w, V_I, V_v, i_w, i_I, i_v, x_x = tr.readings(
+        *x[j, :3], tr.carried_in(slow), w_cmd, p, base[a.VMAX]
     )
-    H = np.array([[V_w, V_I, 0.0, V_v], [i_w, i_I, 0.0, i_v], [x_w, 0.0, x_x, 0.0]])
+    H = np.array([[V_w, V_I, 0.0, V_v], [i_w, i_I, 0.0, i_v], [0.0, 0.0, x_x, 0.0]])
     return np.array([V, i, shown]), H
 
 
@@ -258,17 +261,50 @@ def test_saturated_voltage_is_the_supply_less_its_resistance() -> None:
 
 def test_effects_of_the_sensors_are_seen_and_their_slopes_too() -> None:
     rig: Rig = with_values(
-        RIG, {"voltage_offset": 0.1, "current_gain": 1.02, "current_offset": 1e-3, "position_delay": 2e-3}
+        RIG, {"voltage_offset": 0.1, "current_gain": 1.02, "current_offset": 1e-3, "position_gain": 1.1}
     )
     b = arrays(bank(rig, SETTINGS), rig, SETTINGS)
     x = state(0, SITUATIONS["steady"])
     plain, _ = seen(0, x, 410.0)
-    y, H = seen(0, x, 410.0, b)
+    y, H = seen(0, x, 410.0, b, trail=1e-4)
     assert y[0] - plain[0] == pytest.approx(0.1) and y[1] == pytest.approx(1.02 * plain[1] + 1e-3)
-    assert plain[2] - y[2] == pytest.approx(2e-3 * 1.9e-6 * 410.0)
+    assert y[2] == pytest.approx(1.1 * (plain[2] - 1e-4)) and H[2, 2] == pytest.approx(1.1)
     up = x.copy()
     up[0, 0] += 1e-3
-    np.testing.assert_allclose(H[:, 0], (seen(0, up, 410.0, b)[0] - y) / 1e-3, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(H[:, 0], (seen(0, up, 410.0, b, 1e-4)[0] - y) / 1e-3, rtol=1e-6, atol=1e-12)
+
+
+# --- what the mean carries -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [2e-4, 3e-3, 0.05])
+def test_what_is_on_its_way_through_a_delay_is_now_less_then(delay: float) -> None:
+    """A signal linear between samples of an uneven clock, 0.01 each; what falls into one part of the delay is not told apart."""
+    rng = np.random.default_rng(1)
+    t = 5.0 + np.cumsum(rng.uniform(2e-4, 1.2e-3, 600))
+    y = 1.0 + np.cumsum(rng.normal(size=600)) * 0.01
+    cells, late = np.zeros(tr.CELLS + 2), [0.0]
+    for k in range(1, t.size):
+        late.append(tr._delayed(cells, 0, y[k] - y[k - 1], t[k], t[k] - t[k - 1], delay))
+    begun = t > t[0] + delay
+    then = np.interp(t - delay, t, y)
+    np.testing.assert_allclose((y - late)[begun], then[begun], atol=1e-3 if delay < 1e-3 else 0.04)
+
+
+def test_the_place_in_the_play_is_unknown_until_the_screw_has_crossed_it() -> None:
+    p = with_values(RIG, {"backlash": 1e-4}).model.vector
+    c = tr.carried_in(tr.slow_at_rest(p))
+    assert c.high - c.low == pytest.approx(1e-4)
+    x, screw, doubt = 0.0, 0.0, 0.0
+    for _ in range(30):
+        before = c
+        c, x, grip = tr._behind_play(c, x, x + 1e-5, DT, p)
+        screw, doubt = screw + 1e-5, doubt + tr.play_doubt(before.high - before.low, c.high - c.low)
+    assert grip == 1.0 and c.low == c.high == pytest.approx(5e-5)
+    assert x == pytest.approx(screw - 5e-5)  # half of the play, for nobody knows better
+    assert doubt > 0.0
+    back, _, grip = tr._behind_play(c, x, x - 4e-5, DT, p)
+    assert grip == 0.0 and back.low == pytest.approx(1e-5)
 
 
 # --- a failed channel ----------------------------------------------------------------------------

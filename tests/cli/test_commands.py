@@ -1,18 +1,20 @@
 """The command: what it prints, writes and returns, for good logs, bad logs and bad usage."""
 
+import argparse
 import json
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numba
 import pandas as pd
 import pytest
 from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
 from observer_fi.cli.commands import COMMANDS, main
-from observer_fi.cli.options import BUG, FAULT, OK, USAGE, folder_names
+from observer_fi.cli.options import BUG, FAULT, OK, USAGE, tell_when_compiling
 from observer_fi.physics.rigs import load_rig
 
 ROOT = Path(__file__).parents[2]
@@ -141,13 +143,6 @@ def test_a_place_that_cannot_be_written_is_bad_usage(run, tmp_path: Path) -> Non
     assert ran.code == USAGE and ran.err.count("\n") == 1
 
 
-def test_logs_of_one_name_do_not_overwrite_each_other(tmp_path: Path) -> None:
-    logs = ["a/log.csv", "b/log.csv.gz", "b/log.parquet", "a/log.csv"]
-    names, notes = folder_names(logs)
-    assert names == {"a/log.csv": "log", "b/log.csv.gz": "b_log", "b/log.parquet": "log_2"}
-    assert len(notes) == 2 and "b_log" in notes[0]
-
-
 def test_an_external_detection_starts_the_verdict(run, tmp_path: Path) -> None:
     ran = run("diagnose", sample("overload_steady"), "--json", "--out", tmp_path, "--detected-at", "2.0")
     verdict = json.loads(ran.out)["verdict"]
@@ -246,7 +241,7 @@ def test_improve_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path:
     assert [f["cause"] for f in result["findings"]] == ["viscous_friction"]
     assert result == json.loads((tmp_path / "bench" / "improve.json").read_text())
     written = {p.name for p in (tmp_path / "bench").iterdir()}
-    assert {"improve.json", "report.html", "rig.toml", "force.svg"} <= written
+    assert {"improve.json", "improve.html", "extended_rig.toml", "over_time.svg"} <= written
 
 
 def test_identify_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path: Path) -> None:
@@ -261,3 +256,20 @@ def test_a_rig_without_motor_has_no_bank(force_rig, run, tmp_path: Path) -> None
     log, rig = force_rig
     ran = run("diagnose", log, "--rig", rig, "--out", tmp_path)
     assert ran.code == USAGE and ran.err.count("\n") == 1 and "drive" in ran.err
+
+
+@pytest.mark.parametrize(
+    "terminal, quiet, told", [(True, False, True), (False, False, False), (True, True, False)]
+)
+def test_a_terminal_is_told_why_the_first_run_takes_longer(
+    terminal: bool,
+    quiet: bool,
+    told: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    tell_when_compiling(argparse.Namespace(quiet=quiet, json=False))
+    assert ("compiling the filters" in capsys.readouterr().err) == told

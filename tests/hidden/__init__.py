@@ -1,5 +1,6 @@
 """The hidden truth: a simulator that shares no code with the package, for tests that must find the answer."""
 
+from .answers import Size, right_size
 from .cases import SEVERITY_KINDS, draw_effect_case, draw_effects_case, draw_move_case, draw_severity_case
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
 from .faults import NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
@@ -23,6 +24,7 @@ __all__ = [
     "Move",
     "Profile",
     "Rig",
+    "Size",
     "TruthSpec",
     "campaign",
     "contact_campaign",
@@ -35,6 +37,7 @@ __all__ = [
     "effect",
     "make_log",
     "rich_campaign",
+    "right_size",
     "single_move",
     "sized_effect",
     "there_and_back",

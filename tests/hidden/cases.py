@@ -6,7 +6,7 @@ import numpy as np
 
 from .effects import ALL, sized_effect
 from .faults import CHANNELS, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
-from .profiles import Profile, contact_campaign, rich_campaign, single_move
+from .profiles import Profile, campaign, contact_campaign, rich_campaign, single_move
 from .rig import TABLE_1, draw_rest_integral, draw_rig
 from .truth import TruthSpec
 
@@ -38,7 +38,8 @@ def draw_effect_case(seed: int, cause: str | None, size_factor: float) -> TruthS
     """A campaign that hides `cause` at `size_factor` times its small size, or a control (cause None).
 
     Rig with the paper's spread and 2 % on J, Kp, Ki, Rs, Vmax; drawn sign and phase of the effect. Contact
-    effects get the campaign that leans on both stops, the others eighteen moves at three pitches and speeds.
+    effects get the campaign that leans on both stops, a nonlinear gravity by itself the one at many pitches, the others
+    eighteen moves at three pitches and speeds.
     """
     return draw_effects_case(seed, () if cause is None else (cause,), size_factor)
 
@@ -49,6 +50,8 @@ def draw_effects_case(seed: int, causes: tuple[str, ...], size_factor: float) ->
     rig = draw_rig(rng, identification_percent=2.0)
     start_integral = draw_rest_integral(rng, rig, 0.0)
     profile = rich_campaign()
+    if causes == ("gravity_nonlinearity",):
+        profile = campaign()  # three pitches cannot tell it from another B
     if any("contact" in ALL[cause].equations for cause in causes):
         profile = contact_campaign()
         low, high = rng.uniform(-7e-4, -4e-4), rng.uniform(4e-4, 7e-4)

@@ -5,7 +5,7 @@ import math
 import pytest
 from campaigns import campaign
 
-from observer_fi.improve.diagnosis_gain import Worth, worth
+from observer_fi.improve.diagnosis_gain import DiagnosisGain, measure_diagnosis_gain
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.settings import Settings
 
@@ -14,20 +14,20 @@ PLANT = with_values(RIG, {"screw_ripple_sin": 4e-5, "A": 4.3e-4})
 
 
 @pytest.fixture(scope="module")
-def both() -> tuple[Worth, Worth]:
+def both() -> tuple[DiagnosisGain, DiagnosisGain]:
     logs = [campaign(PLANT, seed=11)]
-    before, after = (worth(logs, PLANT, rig, Settings(), cases=12) for rig in (RIG, PLANT))
+    before, after = (measure_diagnosis_gain(logs, PLANT, rig, Settings(), cases=12) for rig in (RIG, PLANT))
     return before, after
 
 
-def test_the_right_model_ends_the_false_alarms(both: tuple[Worth, Worth]) -> None:
+def test_the_right_model_ends_the_false_alarms(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert before.moves == after.moves > 3
     assert before.alarms > 0 == after.alarms
     assert after.false_alarms == 0 and after.healthy == 4
 
 
-def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[Worth, Worth]) -> None:
+def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert after.right == after.faults == 8 >= before.right
     assert after.delay_s["overload"] < 0.06 and after.delay_s["coupling_loss"] < 0.02

@@ -33,17 +33,17 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
     ],
 )
 def test_the_hidden_equation_comes_first(cause, equations):
-    rows, latents = free_equations(*refitted([hide(cause, 9000)], RIG))
+    rows, disturbances = free_equations(*refitted([hide(cause, 9000)], RIG))
     assert rows[0].verdict == "first" and rows[0].equation in equations
     assert [row.gain for row in rows] == sorted((row.gain for row in rows), reverse=True)
-    assert latents[0].gain <= rows[0].gain
+    assert disturbances[0].gain <= rows[0].gain
     assert all(row.rms > 0.0 for row in rows if row.verdict != "no")
 
 
 def test_nothing_hidden_nothing_wanted():
-    rows, latents = free_equations(*refitted([hide("", 9002)], RIG))
+    rows, disturbances = free_equations(*refitted([hide("", 9002)], RIG))
     assert {row.verdict for row in rows} == {"no"}
-    assert latents == ()
+    assert disturbances == ()
     assert rows[0].gain < 0.5 * WANTED_NATS
 
 

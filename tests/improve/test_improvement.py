@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from campaigns import campaign
 
-from observer_fi.errors import UsageError
-from observer_fi.improve.diagnosis_gain import Worth
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.improve.diagnosis_gain import DiagnosisGain
 from observer_fi.improve.improvement import Improvement, improve, to_json
-from observer_fi.learn.gauss_newton import whiteness
+from observer_fi.learn.output_error import whiteness
 from observer_fi.logs.moves import Excitation
 from observer_fi.physics.rigs import load_rig, with_values
-from observer_fi.report.learning import improve_files, likeness, wish
+from observer_fi.report.learning import freed_sentence, improve_files, likeness
 
 RIG = load_rig()
 
@@ -81,32 +81,38 @@ def test_whiteness_tells_white_from_coloured():
     assert whiteness(np.convolve(noise, np.ones(5))) < 1e-6
 
 
-def test_other_drives_are_refused():
-    with pytest.raises(UsageError, match="pi_servo"):
+def test_a_log_without_the_force_of_its_rig_is_refused():
+    with pytest.raises(InvalidLogError, match="force_cmd_n"):
         improve([campaign()], replace(RIG, drive="force"))
 
 
+def test_a_drive_that_shows_no_servo_is_refused():
+    with pytest.raises(UsageError, match="servo"):
+        improve([campaign()], replace(RIG, drive="current"))
+
+
 def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
-    assert wish(control).startswith("None")
+    assert freed_sentence(control).startswith("None")
     first = replace(sticky.freed[0], equation="servo", verdict="first", alike="")
     lone = replace(sticky, freed=(first, replace(first, equation="torque", verdict="wanted")))
-    assert wish(lone).startswith("The servo (") and likeness(lone) == ""
+    assert freed_sentence(lone).startswith("The servo (") and likeness(lone) == ""
     close = replace(first, equation="sensor:current", verdict="close")
     assert "cannot tell it from the current sensor" in likeness(replace(sticky, freed=(first, close)))
 
 
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
-    nothing = Worth(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
-    better = Worth(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
+    nothing = DiagnosisGain(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
+    better = DiagnosisGain(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
     shown = Excitation(
         8, (200.0, 410.0), (-1, 1), (-5.0, 0.0), 2, {"steady": 8.0, "saturation": 0.3, "rest": 0.0}
     )
-    files = improve_files(sticky, (nothing, better), [shown], "sticky", ["sticky.csv"])
+    record = replace(sticky, excitations=(shown,))
+    files = improve_files(record, (nothing, better), "sticky", ["sticky.csv"])
     found = json.loads(files["improve.json"])["diagnosis"]
     assert found["baseline"]["alarms"] == 8 and found["baseline"]["delay_s"]["overload"] is None
     assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
     held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
-    assert held in files["report.html"]
-    assert "<h2>Which equation the data want to free</h2>" in files["report.html"]
-    assert sticky.latents and files["latent_1.svg"] in files["report.html"]
-    assert "8 of 8" in files["report.html"] and "40.0 ms" in files["report.html"]
+    assert held in files["improve.html"]
+    assert "<h2>Which equation the data want to free</h2>" in files["improve.html"]
+    assert sticky.disturbances and files["disturbance_1.svg"] in files["improve.html"]
+    assert "8 of 8" in files["improve.html"] and "40.0 ms" in files["improve.html"]

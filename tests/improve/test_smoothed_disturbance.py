@@ -17,14 +17,14 @@ from observer_fi.physics.rigs import with_values
 
 def test_a_bump_of_friction_shows_at_its_place():
     plant = with_values(RIG, {"friction_bump": 2e-5, "bump_position": 3e-4, "bump_width": 6e-5})
-    rows, latents = free_equations(*refitted([campaign(plant, speeds=(410.0, 300.0), seed=5)], RIG))
+    rows, disturbances = free_equations(*refitted([campaign(plant, speeds=(410.0, 300.0), seed=5)], RIG))
     assert rows[0].equation == "torque"
-    latent = next(one for one in latents if one.what.name == "torque")
-    curve = latent.curves["position"]
+    disturbance = next(one for one in disturbances if one.what.name == "torque")
+    curve = disturbance.curves["position"]
     assert curve.at[np.nanargmax(curve.forward)] == pytest.approx(3e-4, abs=4e-5)
     assert curve.at[np.nanargmin(curve.backward)] == pytest.approx(3e-4, abs=4e-5)
-    assert "position" in latent.goes_with and "speed" not in latent.goes_with
-    assert np.nanmax(latent.mean) == pytest.approx(2e-5, rel=0.4)
+    assert "position" in disturbance.goes_with and "speed" not in disturbance.goes_with
+    assert np.nanmax(disturbance.mean) == pytest.approx(2e-5, rel=0.4)
 
 
 def test_bands_hold_what_they_promise():
@@ -107,5 +107,5 @@ def test_angles_are_folded_and_levels_stay_levels():
 def test_a_path_that_never_turns_has_no_curve():
     experiment, fitted = refitted([campaign(seed=9)], RIG)
     still = replace(experiment, knots=tuple((t, 0.0 * v) for t, v in experiment.knots))
-    rows, latents = free_equations(still, replace(fitted, residuals=fitted.residuals + 3.0))
-    assert rows and all(latent.curves == {} for latent in latents)
+    rows, disturbances = free_equations(still, replace(fitted, residuals=fitted.residuals + 3.0))
+    assert rows and all(disturbance.curves == {} for disturbance in disturbances)

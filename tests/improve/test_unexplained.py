@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from campaigns import RIG, campaign
 
-from observer_fi.improve.ladder import base_parameters
+from observer_fi.improve.simulated_moves import base_parameters
 from observer_fi.improve.unexplained import rest_steps, slow_excess
-from observer_fi.learn.gauss_newton import fit
 from observer_fi.learn.move_data import prepare
+from observer_fi.learn.output_error import fit
 
 LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
 

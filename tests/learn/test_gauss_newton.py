@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from campaigns import NOISE, RIG, campaign
 
-from observer_fi.learn.gauss_newton import Free, fit, without_moves
-from observer_fi.learn.move_data import cut_moves, prepare, select, simulate
+from observer_fi.learn.gauss_newton import Free
+from observer_fi.learn.move_data import prepare, select, simulate
+from observer_fi.learn.output_error import fit, without_moves
+from observer_fi.logs.moves import moves_from_rest
 from observer_fi.physics.command import corners
 from observer_fi.physics.rigs import override, with_values
 from observer_fi.physics.trapezoid import quarters
@@ -66,7 +68,7 @@ def test_simulated_log_has_the_readings_of_the_moves():
 
 
 def test_moves_are_cut_at_the_command():
-    moves = cut_moves(campaign())
+    moves = moves_from_rest(campaign())
     assert [m.peak for m in moves] == [410.0, -410.0, 200.0, -200.0] * 2
     assert [m.pitch for m in moves] == [0.0] * 4 + [8.0] * 4
 

@@ -10,10 +10,10 @@ from campaigns import log_of
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn import identification as module
+from observer_fi.learn.contacts_and_losses import Breaks
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.joint_likelihood import Z95, fit_parts, part_of, predict, profile_interval
-from observer_fi.learn.kinematic_breaks import Breaks
 from observer_fi.physics.rigs import load_rig, rig_toml
 from observer_fi.records import Fit, Log
 from pipelines import identify_study as study

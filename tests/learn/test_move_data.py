@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from observer_fi.learn import move_data as ex
+from observer_fi.logs.moves import Phase, log_phases
 from observer_fi.physics import simulation as sim
 from observer_fi.physics.rigs import Model, load_rig, override
 from observer_fi.physics.scenario import Move, Scenario, synthesise
@@ -61,3 +62,13 @@ def test_sets_with_other_steps_and_delays_are_kept_apart() -> None:
     for got, model in zip(together, models, strict=True):
         np.testing.assert_allclose(got, ex.simulate(experiment, model, still), rtol=0.0, atol=1e-9)
     assert len({(ex._delays(m.vector), sim.paced(m.vector)) for m in models}) == 4
+
+
+def test_rows_of_a_fit_have_the_phases_of_their_log() -> None:
+    log = moves()
+    experiment = ex.prepare([log], RIG)
+    codes = log_phases(log, RIG.model)
+    np.testing.assert_array_equal(experiment.phase, codes[np.searchsorted(log.t, experiment.t)])
+    some = ex.select(experiment, [2, 0])
+    np.testing.assert_array_equal(some.phase, codes[np.searchsorted(log.t, some.t)])
+    assert set(experiment.phase) == set(Phase)

@@ -8,7 +8,7 @@ from campaigns import RIG, campaign
 from scipy.integrate import solve_ivp
 
 from observer_fi.learn.move_data import prepare, unwhitened, whitened
-from observer_fi.learn.reversal_doubt import Doubt, _response, less_doubt
+from observer_fi.learn.reversal_doubt import Doubt, _response, subtract_doubt
 
 
 def test_response_is_the_loop_after_a_step_in_speed():
@@ -38,7 +38,7 @@ def test_whitening_is_the_root_of_the_covariance():
     values, vectors = np.linalg.eigh(np.eye(12) + B.T @ B)
     r = rng.normal(size=(5, 3))
     expected = np.concatenate([r[:1].ravel(), vectors @ np.diag(values**-0.5) @ vectors.T @ r[1:].ravel()])
-    less_doubt(r, Doubt(1, v, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
+    subtract_doubt(r, Doubt(1, v, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
     assert r.ravel() == pytest.approx(expected)
 
 

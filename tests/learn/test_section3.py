@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from observer_fi.learn import section3 as cf
-from observer_fi.learn.kinematic_breaks import find_breaks, motor_angle, speed_of
-from observer_fi.learn.move_data import cut_moves
+from observer_fi.learn.contacts_and_losses import find_breaks
 from observer_fi.logs.ingest import log_from_frame
+from observer_fi.logs.moves import moves_from_rest
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
 
@@ -23,14 +23,14 @@ def log_of(spec: hidden.TruthSpec, seed: int = 1) -> Log:
 @pytest.fixture(scope="module")
 def campaign() -> tuple[Log, tuple]:
     log = log_of(hidden.TruthSpec(hidden.campaign()))
-    return log, cut_moves(log)
+    return log, moves_from_rest(log)
 
 
 @pytest.fixture(scope="module")
 def pressed() -> tuple[Log, tuple]:
     rig = replace(hidden.TABLE_1, stop_low_m=-5e-4, stop_high_m=6e-4)
     log = log_of(hidden.TruthSpec(hidden.contact_campaign(), rig), 2)
-    return log, cut_moves(log)
+    return log, moves_from_rest(log)
 
 
 def test_regression_is_the_textbook_one():
@@ -49,7 +49,7 @@ def test_starts_at_full_speed_saturate_and_slow_ones_do_not(campaign):
     starts = cf.saturated_starts(log, moves, PAPER)
     assert {s.move for s in starts} >= {m for m in moves if abs(m.peak) == 410.0}
     slow = log_of(hidden.TruthSpec(hidden.there_and_back((90.0,), (1.0,), (0.0,))))
-    assert cf.saturated_starts(slow, cut_moves(slow), PAPER) == []
+    assert cf.saturated_starts(slow, moves_from_rest(slow), PAPER) == []
 
 
 def test_source_is_the_slope_and_intercept_of_voltage_against_current(campaign):
@@ -87,7 +87,7 @@ def test_inertia_is_exact_on_an_exact_exponential():
     w = w0 * (1.0 - np.exp(-t / tau))
     z = np.column_stack([PAPER["Km"] * w, np.zeros(t.size), np.zeros(t.size)])
     log = Log("exact", t, z, np.full(t.size, 410.0), np.zeros(t.size))
-    move = cut_moves(replace(log, w_cmd=np.concatenate(([0.0], log.w_cmd[1:-1], [0.0]))))[0]
+    move = moves_from_rest(replace(log, w_cmd=np.concatenate(([0.0], log.w_cmd[1:-1], [0.0]))))[0]
     step = cf.inertia(log, [cf.Start(0, t.size, move._replace(pitch=0.0))], PAPER)
     assert step is not None
     assert step.values["J"] == pytest.approx(5e-7, rel=1e-4)  # trapezoids over 0.1 ms
@@ -117,22 +117,13 @@ def test_contact_is_the_quadratic_of_figure_4(pressed):
     assert squeeze.values["E"] == pytest.approx(0.52, rel=0.01)
 
 
-def test_the_low_stop_is_the_mirror_of_the_high_one(pressed):
-    log, moves = pressed
-    mirrored = replace(log, z=-log.z, w_cmd=-log.w_cmd, pitch=-log.pitch)
-    one = find_breaks(log, moves, PAPER, 1e-5)
-    other = find_breaks(mirrored, cut_moves(mirrored), PAPER, 1e-5)
-    assert one.stop_high == pytest.approx(-other.stop_low)
-    assert one.stop_low == pytest.approx(-other.stop_high)
-
-
 def test_decoupled_friction_and_inertia():
     spec = hidden.TruthSpec(
         hidden.there_and_back((410.0, 410.0), (1.5, 1.5), (0.0, 8.0)),
         fault=hidden.Fault("coupling_loss", 0.05),
     )
     log = log_of(spec, 4)
-    moves = cut_moves(log)
+    moves = moves_from_rest(log)
     breaks = find_breaks(log, moves, PAPER, 1e-5)
     assert breaks.loss is not None
     drag = cf.friction(log, moves, PAPER, ("A_decoupled", ""))
@@ -143,31 +134,11 @@ def test_decoupled_friction_and_inertia():
     assert mass.values["J_decoupled"] == pytest.approx(4.6e-7, rel=0.01)
 
 
-def test_backlash_and_a_lagging_sensor_are_neither_a_stop_nor_a_loss():
-    for cause, values in (("backlash", 1.5e-4), ("position_lag", 0.04)):
-        made = hidden.sized_effect(cause, 1.0, np.random.default_rng(1))
-        made = replace(
-            made,
-            values=tuple((name, values) if k == 0 else (name, v) for k, (name, v) in enumerate(made.values)),
-        )
-        log = log_of(hidden.TruthSpec(hidden.campaign(), effects=(made,)), 5)
-        assert find_breaks(log, cut_moves(log), PAPER, 1e-5) == (None, None, None)
-
-
-def test_motor_angle_and_speed_bridge_missing_samples():
-    t = np.arange(5) * 0.1
-    z = np.column_stack([PAPER["Km"] * 100.0 * np.ones(5), np.zeros(5), np.zeros(5)])
-    z[2, 0] = np.nan
-    log = Log("gap", t, z, np.zeros(5), np.zeros(5))
-    np.testing.assert_allclose(speed_of(log, PAPER), 100.0)
-    np.testing.assert_allclose(motor_angle(t, np.full(5, 100.0)), 100.0 * t)
-
-
 def test_a_step_without_its_phase_gives_nothing(campaign):
     log, _ = campaign
     assert cf.friction(log, [], PAPER) is None
     assert cf.inertia(log, [], PAPER) is None
     assert cf.gains(log, [], [], PAPER) is None
-    move = cut_moves(log)[0]
+    move = moves_from_rest(log)[0]
     assert cf.contact(log, move, override(PAPER, "far"), 1.0, 1.0) is None
     assert cf.compression(log, move, PAPER, 1.0, 1.0) is None

@@ -27,12 +27,11 @@ from scenarios import (
 )
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.cleaning import LISTED
 from observer_fi.logs.columns import COLUMNS as KINDS
 from observer_fi.logs.columns import load_columns
 from observer_fi.logs.ingest import log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.moves import log_segments
-from observer_fi.logs.tables import plain
+from observer_fi.logs.tables import LISTED, plain
 from observer_fi.logs.units import suspect_units
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
@@ -236,6 +235,195 @@ def test_any_defects_in_any_chunks_leave_one_clock_and_a_complete_list(
     assert file.summary.rejected_count == whole.rejected_count >= np.isnan(z).any(axis=1).sum()
 
 
+# --- nothing is lost, in any format ---------------------------------------------------------------
+
+CELLS = st.sampled_from(
+    ["", "nan", "1.0", "-2.5e-3", "1e400", "1e308", '"', '"1', '1"', '"1"', "#", "x", "\u2028", "\x0c"]
+)
+LINES = st.lists(
+    st.one_of(
+        st.lists(CELLS, min_size=0, max_size=8), st.sampled_from([[""], ["  "], ["# a"], ["\r"], ["#", "", "", "", "", ""]])
+    ),
+    max_size=12,
+)  # fmt: skip
+
+
+def rows_in(body: str) -> int:
+    """Lines of a text that are not blank: the oracle of the readers, which know no csv."""
+    lines = re.split("\r\n|\r|\n", body)
+    return sum(bool(line.strip(" \t\x0b\x0c")) for line in lines)
+
+
+def kept_rows(path: Path, rows: int, columns=None) -> tuple[int, int] | None:
+    """Samples, and rows listed as left out; None where the log is refused."""
+    file = open_log(path, columns)
+    try:
+        samples = sum(log.t.size for log in file.chunks(rows))
+    except InvalidLogError as error:
+        assert "were lost in reading" not in str(error)
+        return None
+    left_out = [r for r in file.summary.rejected if "row left out" in r.reason]
+    assert len({r.row for r in left_out}) == len(left_out)
+    return samples, len(left_out)
+
+
+@given(
+    lines=LINES,
+    at=st.integers(0, 400),
+    ending=st.sampled_from(["\n", "\r\n", "\r"]),
+    rows=st.integers(50, 500),
+)
+@pytest.mark.parametrize("kind", [".csv", ".csv.gz", ".lvm"])
+def test_rows_of_a_text_are_samples_or_left_out(tmp_path_factory, kind, lines, at, ending, rows) -> None:
+    folder = tmp_path_factory.mktemp("logs")
+    table = [",".join(row) for row in healthy_rows()[:400]]
+    table[at:at] = [",".join(line) for line in lines]
+    body = ending.join(table)
+    if kind == ".lvm":
+        head = (MAPS / "labview.lvm").read_bytes().decode().split("X_Value")[0].replace("\tTab", ",Comma")
+        head = head.replace("Separator,Comma", "Separator,Comma\r\nDecimal_Separator,.")
+        body, text = body, head.replace("\r\n", ending) + ",".join(("X_Value", *COLUMNS[1:])) + ending + body
+        text = re.sub(r"(\*\*\*End_of_Header\*\*\*)\t*", r"\1", text)
+    else:
+        text = ",".join(COLUMNS) + ending + body
+    raw = text.encode()
+    path = folder / f"log{kind}"
+    path.write_bytes(gzip.compress(raw) if kind == ".csv.gz" else raw)
+    found = kept_rows(path, rows)
+    assert found is None or sum(found) == rows_in(body)
+
+
+@given(
+    holes=st.lists(st.tuples(st.integers(0, 199), st.integers(0, 6)), max_size=40),
+    rows=st.integers(5, 250),
+    cut=st.integers(0, 30),
+)
+@pytest.mark.parametrize("kind", [".parquet", ".tdms"])
+def test_rows_of_a_binary_file_are_samples_or_left_out(tmp_path_factory, kind, holes, rows, cut) -> None:
+    table = np.array(healthy_move()[300:500])
+    for k, column in holes:
+        table[k, slice(None) if column == 6 else column] = np.nan
+    path = tmp_path_factory.mktemp("logs") / f"log{kind}"
+    if kind == ".parquet":
+        pd.DataFrame(table, columns=list(COLUMNS)).to_parquet(path, row_group_size=37)
+    else:
+        from nptdms import ChannelObject, TdmsWriter
+
+        with TdmsWriter(str(path)) as writer:
+            ends = [None, -cut or None, None, None, None, None]
+            writer.write_segment(
+                [ChannelObject("g", n, v[:e]) for n, v, e in zip(COLUMNS, table.T, ends, strict=True)]
+            )
+    found = kept_rows(path, rows)
+    assert found is None or sum(found) == 200
+
+
+def test_a_reader_that_loses_a_row_is_found_out(tmp_path: Path, monkeypatch) -> None:
+    from observer_fi.logs.formats import text_rows
+
+    table = text_rows._Reader.block
+    monkeypatch.setattr(text_rows._Reader, "block", lambda self, text: cut_block(table(self, text)))
+    with pytest.raises(InvalidLogError, match="of its 1600 rows 1599 are samples and 0 were left out"):
+        read_log(write_rows(tmp_path / "log.csv", healthy_rows()))
+
+
+def cut_block(block):
+    return block._replace(rows=block.rows[1:], values={name: v[1:] for name, v in block.values.items()})
+
+
+# --- the file itself -----------------------------------------------------------------------------
+
+
+def touched_later(path: Path) -> None:
+    later = path.stat().st_mtime_ns + 10**9
+    os.utime(path, ns=(later, later))
+
+
+@pytest.mark.parametrize("how", ["written to", "replaced", "removed", "touched"])
+@pytest.mark.parametrize("when", ["before the rows", "between the rows"])
+def test_a_log_that_changes_while_it_is_read_is_noticed(how: str, when: str, tmp_path: Path) -> None:
+    path = write_rows(tmp_path / "log.csv", healthy_rows())
+    file = open_log(path)
+    chunks = file.chunks(100)
+    if when == "between the rows":
+        next(chunks)
+    if how == "replaced":
+        write_rows(tmp_path / "other.csv", healthy_rows()[::-1]).replace(path)
+    elif how == "written to":
+        with path.open("a") as stream:
+            stream.write("0,0,0,0,0,0\n")
+    elif how == "removed":
+        path.unlink()
+    else:
+        touched_later(path)
+    with pytest.raises(InvalidLogError, match="changed while it was read|cannot read the log"):
+        list(chunks)
+    with pytest.raises(InvalidLogError, match="changed while it was read|cannot read the log"):
+        _ = file.sha256
+
+
+def test_a_refused_log_leaves_nothing_behind(tmp_path: Path) -> None:
+    import tracemalloc
+
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(csv_text(healthy_rows()).encode())[:9000])
+
+    def refuse() -> None:
+        with pytest.raises(InvalidLogError):
+            read_log(path)
+
+    refuse()
+    tracemalloc.start()
+    try:
+        refuse()
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(20):
+            refuse()
+        assert tracemalloc.get_traced_memory()[0] - before < 100_000  # bytes; one piece of the file is 9 kB
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_a_reader_of_others_warns_of_is_a_note(tmp_path: Path, capfd, monkeypatch) -> None:
+    import logging
+    import warnings
+
+    from nptdms import TdmsFile
+
+    opened = TdmsFile.open
+
+    def noisy(stream):
+        warnings.warn("a strange property", UserWarning, stacklevel=1)
+        logging.getLogger("nptdms.reader").warning("a strange \x1b[31msegment")
+        return opened(stream)
+
+    monkeypatch.setattr(TdmsFile, "open", noisy)
+    log = read_log(MAPS / "waveform.tdms", load_columns(MAPS / "waveform.toml"))
+    assert "the reader says: a strange property" in log.notes
+    assert "the reader says: a strange \\x1b[31msegment" in log.notes
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda f: pd.concat([f, f[["current_a"]]], axis=1),
+        lambda f: f.assign(current_a=1j),
+        lambda f: f.assign(current_a=[[1]] * len(f)),
+        lambda f: f.iloc[:0],
+        lambda f: f.assign(time_s=1.0),
+        lambda f: f.assign(current_a="x"),
+        lambda f: f.assign(time_s=f.time_s * 1e-9),
+        lambda f: f.assign(current_a=pd.Timestamp("2024-01-01")),
+    ],
+)
+def test_hostile_frames_are_refused_in_one_line(spoil) -> None:
+    frame = spoil(pd.DataFrame(healthy_move(), columns=list(COLUMNS)))
+    with pytest.raises(InvalidLogError) as caught:
+        log_from_frame(frame, "frame")
+    assert str(caught.value).startswith("frame: ") and str(caught.value).isprintable()
+
+
 # --- formats -------------------------------------------------------------------------------------
 
 
@@ -327,7 +515,9 @@ def test_lvm_with_a_decimal_comma_and_without_an_x_column(tmp_path: Path) -> Non
     assert np.allclose(log.t, healthy_move()[:, 0], atol=1e-12) and np.allclose(log.z, healthy_move()[:, 1:4])
     rows[7] = rows[7].replace(rows[7].split("\t")[2], "open")
     path.write_text(head + "Comment\n" + "\n".join(rows) + "\n")
-    with pytest.raises(InvalidLogError, match=r"row 8 \(line 28\), column current_a: 'open' is not a number"):
+    with pytest.raises(
+        InvalidLogError, match=r"row 8 \(line 28\), column current_a \(header 'Current'\): 'open'"
+    ):
         read_log(path, column_map)
 
 
@@ -387,8 +577,8 @@ MISTAKES = {
     "limits.voltage_v = 'x'": "must be a number",
     "separator = ';;'": "one character",
     "separator = ','\ndecimal_comma = true": "exclude each other",
-    "header_line = 0": "header_line must be 1 or more",
-    "header_line = true": "header_line must be a int",
+    "header_line = 0": "header_line must be greater than or equal to 1",
+    "header_line = true": "header_line must be a whole number",
     "header_line = 4\ndata_line = 4": "data_line must come after",
     "encoding = 'klingon'": "no encoding 'klingon'",
     "missing = 'OVL'": "missing must be a list",
@@ -416,8 +606,9 @@ def test_units_turn_into_those_of_the_contract(tmp_path: Path) -> None:
         assert kind.units[kind.unit] == 1.0
         for unit, factor in kind.units.items():
             path = tmp_path / "map.toml"
-            path.write_text(f'columns.{column} = {{ header = "h", unit = "{unit}", factor = -2.0 }}')
-            assert load_columns(path).source(column) == ("h", -2.0 * factor)
+            by = 2.0 if column == "time_s" else -2.0
+            path.write_text(f'columns.{column} = {{ header = "h", unit = "{unit}", factor = {by} }}')
+            assert load_columns(path).source(column) == ("h", by * factor)
 
 
 def test_a_header_that_looks_right_is_suggested(tmp_path: Path) -> None:

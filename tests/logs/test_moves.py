@@ -9,8 +9,18 @@ from hypothesis import strategies as st
 from scenarios import END_S, RATE_HZ, SPEED, START_S, STOP_S, healthy_move
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.command_recovery import recover_command
-from observer_fi.logs.moves import Phase, excitation, log_segments, phases, segments, settling_time
+from observer_fi.logs.command_recovery import recover_command, with_command
+from observer_fi.logs.moves import (
+    Phase,
+    excitation,
+    log_phases,
+    log_segments,
+    mean_square_by_phase,
+    moves_from_rest,
+    phases,
+    segments,
+    settling_time,
+)
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
 
@@ -164,6 +174,38 @@ def test_excitation_counts_what_the_moves_show() -> None:
     assert excitation(log, log_segments(log), MODEL).reversals == 1
 
 
+def test_a_reversal_is_one_move_from_rest_and_the_rests_belong_to_it_whole() -> None:
+    t = np.arange(4000) / 1000.0
+    w_cmd = np.interp(
+        t, [0.5, 0.51, 1.0, 1.02, 1.5, 1.51, 2.5, 2.51, 3.0, 3.01], [0, 400, 400, -300, -300, 0, 0, 90, 90, 0]
+    )
+    log = Log("log", t, np.zeros((t.size, 3)), w_cmd, np.where(t < 2.0, 4.0, 8.0))
+    there, back, slow = log_segments(log)
+    one, two = moves_from_rest(log)
+    assert (one.start, one.stop) == (there.start - 1, back.stop) and w_cmd[one.start] == 0.0 != w_cmd[
+        one.start + 1
+    ]
+    assert (one.peak, one.pitch, two.peak, two.pitch) == (-300.0, 4.0, slow.peak, 8.0)
+    assert (one.rest, one.end) == (0, two.start) and (two.rest, two.end) == (one.stop, t.size)
+    assert moves_from_rest(replace(log, w_cmd=np.zeros(t.size))) == ()
+
+
+def test_the_phases_of_a_log_are_those_of_its_moves() -> None:
+    log = healthy_log()
+    (move,) = log_segments(log)
+    np.testing.assert_array_equal(
+        log_phases(log, MODEL)[move.rest : move.end], phases(move, log.t, log.w_cmd, log.z, MODEL)
+    )
+    still = replace(log, w_cmd=np.zeros(log.t.size))
+    assert (log_phases(still, MODEL) == Phase.REST).all()
+
+
+def test_mean_squares_by_phase() -> None:
+    r = np.array([[1.0, 0.0], [3.0, 1.0], [2.0, 2.0]])
+    found = mean_square_by_phase(r, np.array([Phase.REST, Phase.REST, Phase.STOP], dtype=np.int8))
+    assert {name: y.tolist() for name, y in found.items()} == {"rest": [5.0, 0.5], "stop": [4.0, 4.0]}
+
+
 # --- the command recovered -----------------------------------------------------------------------
 
 
@@ -222,6 +264,17 @@ def test_without_a_speed_loop_the_settled_speed_stands_for_the_command() -> None
     steady = np.abs(log.w_cmd) == np.abs(log.w_cmd).max()
     assert np.median(found[steady]) == pytest.approx(log.w_cmd[steady][0], rel=0.01)
     assert np.abs((found != 0.0) ^ (log.w_cmd != 0.0)).mean() < 0.03
+
+
+def test_only_a_command_that_is_missing_is_recovered() -> None:
+    log = healthy_log()
+    assert with_command(log, MODEL) is log
+    still = replace(
+        log, w_cmd=np.zeros(log.t.size), notes=("speed_cmd_rad_s is absent: recovered, 0 starts",)
+    )
+    assert with_command(still, MODEL) is still
+    found = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), MODEL)
+    assert np.abs(found.w_cmd - log.w_cmd).max() < ACCEL / RATE_HZ
 
 
 def test_a_rig_without_a_motor_has_no_command_to_recover() -> None:

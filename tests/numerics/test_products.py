@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer_fi.numerics.products import along, gram, less, orthonormal, self_gram, square
+from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
 
 A = np.random.default_rng(3).normal(size=(4, 301))
 B = np.random.default_rng(4).normal(size=(2, 301))
@@ -12,11 +12,11 @@ B = np.random.default_rng(4).normal(size=(2, 301))
 def test_products_are_numpys():
     assert gram(A, B) == pytest.approx(A @ B.T)
     assert self_gram(A) == pytest.approx(A @ A.T)
-    assert along(A, B[0]) == pytest.approx(A @ B[0])
+    assert matvec(A, B[0]) == pytest.approx(A @ B[0])
     y = B[1].copy()
-    less(y, np.array([1.0, 2.0]), B)
+    subtract_rows(y, np.array([1.0, 2.0]), B)
     assert y == pytest.approx(-B[0] - B[1])
-    assert square(A) == pytest.approx(np.sum(A**2))
+    assert sum_of_squares(A) == pytest.approx(np.sum(A**2))
 
 
 def test_orthonormal_rows_span_what_is_independent():

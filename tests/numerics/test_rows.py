@@ -45,7 +45,7 @@ CURVES = [
     Curve("sensor:position", "position", False, -1e-3, 1e-3, (0.0, 1e-5, -2e-5)),
     Curve("torque", "shaft_angle", False, 0.0, 2.0, (0.0, 1e-5, -2e-5)),
 ]
-STEPS = ("motion_slopes", "driven", "readings", "motion_transition", "constant_transition")
+STEPS = ("motion_slopes", "driven", "motion_transition", "constant_transition")
 EQUATIONS = [
     f for m in (a, tr) for _, f in inspect.getmembers(m)
     if hasattr(f, "py_func") and f.py_func.__module__ == m.__name__
@@ -106,17 +106,22 @@ V = np.array([-3.0, 0.5, 0.0, -0.0, 2e-9, -0.7, np.nan, 1.0])
 @numba.njit
 def _functions(u, v, out):  # type: ignore[no-untyped-def]
     r, s, o = rows.side_by_side(u, ALL), rows.side_by_side(v, ALL), rows.side_by_side(out, ALL)
-    o[0], o[1], o[2] = rows.above(r[0], s[0], 1.0, r[0]), rows.larger(r[0], s[0]), rows.signed(r[0], s[0])
+    o[0], o[1], o[2] = (
+        rows.where_above(r[0], s[0], 1.0, r[0]),
+        rows.maximum(r[0], s[0]),
+        rows.copysign(r[0], s[0]),
+    )
     o[3], o[4], o[5] = rows.tanh(r[0]), rows.sin(r[0]), rows.cos(r[0])
-    o[6], o[7], o[8] = abs(r[0]), -r[0], rows.nothing(r[0])
+    o[6], o[7], o[8] = abs(r[0]), -r[0], rows.zeros_like(r[0])
     o[9] = abs(r[0]) ** s[0]
 
 
 @numba.njit
 def _numbers(u, v):  # type: ignore[no-untyped-def]
     return (
-        rows.above(u, v, 1.0, u), rows.larger(u, v), rows.signed(u, v), rows.tanh(u), rows.sin(u), rows.cos(u), abs(u), -u,
-        rows.nothing(u), abs(u) ** v,
+        rows.where_above(u, v, 1.0, u), rows.maximum(u, v), rows.copysign(u, v), rows.tanh(u), rows.sin(u),
+        rows.cos(u), abs(u), -u,
+        rows.zeros_like(u), abs(u) ** v,
     )  # fmt: skip
 
 
@@ -127,8 +132,9 @@ def test_functions_of_rows_are_those_of_numbers_and_of_plain_python() -> None:
     numbers = np.array([_numbers(u, v) for u, v in zip(U, V, strict=True)]).T
     with np.errstate(invalid="ignore"):
         plain = np.array([
-            rows.above(U, V, 1.0, U), rows.larger(U, V), rows.signed(U, V), rows.tanh(U), rows.sin(U), rows.cos(U), np.abs(U),
-            -U, rows.nothing(U), np.abs(U) ** V,
+            rows.where_above(U, V, 1.0, U), rows.maximum(U, V), rows.copysign(U, V), rows.tanh(U), rows.sin(U),
+            rows.cos(U), np.abs(U),
+            -U, rows.zeros_like(U), np.abs(U) ** V,
         ])  # fmt: skip
     for other in (numbers, plain):
         np.testing.assert_allclose(out, other, rtol=1e-15)
@@ -138,8 +144,8 @@ def test_functions_of_rows_are_those_of_numbers_and_of_plain_python() -> None:
 @numba.njit
 def _some(u, out):  # type: ignore[no-untyped-def]
     row = rows.side_by_side(u, ALL)[0]
-    out[0], out[1] = rows.some(row), rows.seldom(row)
-    out[2], out[3] = rows.some(u[0, 3]), rows.seldom(u[0, 3])
+    out[0], out[1] = rows.any_of(row), rows.any_of_rare(row)
+    out[2], out[3] = rows.any_of(u[0, 3]), rows.any_of_rare(u[0, 3])
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0.0, False), (-0.0, False), (1e-300, True), (np.nan, True)])
@@ -148,7 +154,7 @@ def test_some_looks_at_every_number(value: float, expected: bool) -> None:
     u[0, 3] = value
     _some(u, out)
     assert out.tolist() == [expected] * 4
-    assert rows.some(u[0]) is expected and rows.seldom(value) is expected
+    assert rows.any_of(u[0]) is expected and rows.any_of_rare(value) is expected
 
 
 @numba.njit
@@ -198,6 +204,6 @@ def test_exp_log_and_sqrt_of_rows_to_the_last_digits() -> None:
 
 def test_rows_in_memory_begin_where_a_cache_line_does() -> None:
     for shape in ((3, L), (2, 5, L), (7,)):
-        a = rows.aligned(np.arange(np.prod(shape), dtype=float).reshape(shape))
+        a = rows.aligned_copy(np.arange(np.prod(shape), dtype=float).reshape(shape))
         assert a.ctypes.data % 64 == 0 and a.flags.c_contiguous
         np.testing.assert_array_equal(a.ravel(), np.arange(a.size))

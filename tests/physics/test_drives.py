@@ -4,18 +4,24 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from observer_fi.bank.hypotheses import arrays, bank
-from observer_fi.errors import UsageError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.columns import COLUMNS
+from observer_fi.logs.ingest import read_log
 from observer_fi.physics.drives import DRIVES, Drive, table
 from observer_fi.physics.equations import NAMES, PARAMETERS
-from observer_fi.physics.rigs import load_rig
-from observer_fi.physics.scenario import Scenario, synthesise
-from observer_fi.settings import BankSettings
+from observer_fi.physics.rigs import commanded, load_rig, rig_toml, with_values
+from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict.diagnosis import diagnose, diagnose_log
 
 ROWS = tuple(DRIVES.values())
+TABLE_1 = load_rig()
+FREE = {name: q for name, q in TABLE_1.quantities.items() if name not in DRIVES["position_servo"].excludes}
+LOOP = with_values(replace(TABLE_1, drive="position_servo", quantities=FREE), {"Kx": 20.0, "x_window": 4e-7})
 
 
 def rig_file(folder: Path, drive: str, names: tuple[str, ...]) -> Path:
@@ -56,6 +62,9 @@ def test_a_rig_gives_what_its_drive_requires(row: Drive, tmp_path: Path) -> None
     for name in row.requires:
         with pytest.raises(UsageError, match=f"missing for drive '{row.name}': {name}"):
             load_rig(rig_file(tmp_path, row.name, tuple(n for n in row.requires if n != name)))
+    for name in row.excludes:
+        with pytest.raises(UsageError, match=f"drive '{row.name}' has not: {name}"):
+            load_rig(rig_file(tmp_path, row.name, (*row.requires, name)))
 
 
 @pytest.mark.parametrize("row", ROWS, ids=tuple(DRIVES))
@@ -82,5 +91,60 @@ def test_only_a_servo_can_be_simulated(row: Drive) -> None:
     if row.servo:
         assert synthesise(Scenario(), rig)[0].t.size
     else:
-        with pytest.raises(UsageError, match="needs the servo"):
+        with pytest.raises(UsageError, match="needs a servo .*pi_servo"):
             synthesise(Scenario(), rig)
+
+
+# --- the position loop around the speed servo ------------------------------------------------------
+
+
+def test_a_position_servo_follows_its_command_a_time_constant_late() -> None:
+    """The lag of a proportional loop is v / Kx; at rest it is within its window, and commands no speed at all."""
+    log, _ = synthesise(Scenario((Move(0.3, 300.0, 2.0),), 3.2, noise=0.0), LOOP)
+    assert log.position_cmd is not None and log.encoder is not None
+    at = np.searchsorted(log.t, 2.0)
+    assert log.position_cmd[at] - log.z[at, 2] == pytest.approx(1.9e-6 * 300.0 / 20.0, rel=1e-3)
+    assert log.w_cmd[at] == pytest.approx(300.0, rel=1e-3)
+    assert log.position_cmd[-1] == pytest.approx(1.9e-6 * 300.0 * 2.0)
+    assert abs(log.z[-1, 2] - log.position_cmd[-1]) < 4e-7 and log.w_cmd[-1] == 0.0
+
+
+def test_the_simulated_loop_does_not_depend_on_the_sampling() -> None:
+    fine, coarse = (
+        synthesise(Scenario(fault=Fault("overload", 1.0), rate_hz=rate, noise=0.0), LOOP)[0] for rate in (4800.0, 1600.0)
+    )  # fmt: skip
+    off = np.abs(fine.z[::3][: coarse.t.size] - coarse.z).max(axis=0)
+    assert (off < TABLE_1.noise_std).all(), off
+
+
+def test_the_command_is_made_from_the_columns(tmp_path: Path) -> None:
+    """From a file as from memory; a column that the loop needs and the log has not is named."""
+    log, _ = synthesise(Scenario(fault=Fault("coupling_loss", 1.0), seed=2), LOOP)
+    path, rig = tmp_path / "log.csv", tmp_path / "rig.toml"
+    path.write_bytes(csv_bytes(log))
+    rig.write_text(rig_toml(LOOP), encoding="utf-8")
+    back = commanded(read_log(path), load_rig(rig))
+    np.testing.assert_allclose(back.w_cmd, log.w_cmd, atol=1e-5)
+    outcome = diagnose(path, load_rig(rig), Settings())
+    assert outcome.isolation is not None and outcome.isolation.verdict.label == "coupling_loss"
+    assert outcome.log is not None and not any("recovered" in note for note in outcome.log.notes)
+    for column in ("position_cmd", "encoder"):
+        with pytest.raises(InvalidLogError, match=f"column {column}.* is missing"):
+            commanded(replace(log, **{column: None}), LOOP)
+
+
+@pytest.mark.parametrize(("kind", "channel"), [
+    ("none", None), ("overload", None), ("coupling_loss", None), ("sensor_frozen", "position"), ("sensor_offset", "current"),
+])  # fmt: skip
+@pytest.mark.parametrize("at_s", [0.35, 1.2])
+def test_faults_are_told_behind_a_position_loop(kind: str, channel: str | None, at_s: float) -> None:
+    seed = round(100 * at_s)
+    scenario = Scenario(
+        (Move(0.3, -300.0, 2.0),), 3.2, 1600.0, 4.0, Fault(kind, at_s, channel), {}, True, 1.0, seed
+    )
+    log, truth = synthesise(scenario, LOOP)
+    found = diagnose_log(log, LOOP, Settings()).isolation
+    assert found is not None and found.consistency.nis_mean < 3.3
+    assert (found.verdict.label, found.verdict.channel) == (truth.label, truth.channel)
+    if found.verdict.onset_s is not None:
+        assert abs(found.verdict.onset_s - at_s) < 0.01

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer_fi.learn.move_data import prepare, simulate
-from observer_fi.physics.effects import CAUSES
+from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Coverage, bounds
 from observer_fi.physics.equations import PARAMETERS
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
@@ -23,7 +23,12 @@ CONTRACT = {
     "sensor:voltage": "voltage_delay voltage_offset",
     "sensor:pitch": "pitch_offset",
 }
-VARIANTS = [(c, v) for c in CAUSES.values() for v in c.variants]
+COVERED = Coverage(
+    -5e-5, 2e-4, speed=300.0, pitch=5.0, torque=4.6e-4, current=0.022, resistance=20.2, heat=1.0, length_s=1.0,
+    step_s=1.0 / 1600.0, voltage_noise=1e-2, current_noise=3e-4, position_noise=1e-5, turn=1.2e-5, lead=1e-3,
+    integral=1.0, acceleration=5e4,
+)  # fmt: skip
+VARIANTS = [(c, v) for c in CAUSES.values() for v in c.variants(COVERED, MOVES)]
 
 
 def short_log(seed: int = 1) -> Log:
@@ -45,10 +50,14 @@ def test_aliases_and_rivals_exist_and_each_cause_can_be_separated():
     for cause in CAUSES.values():
         assert set(cause.aliases) | set(cause.confused_with) <= CAUSES.keys()
         assert cause.separate_by
-        assert cause.variants or cause.aliases
+        assert cause.forms(COVERED) or cause.aliases
 
 
-@pytest.mark.parametrize(("cause", "variant"), VARIANTS, ids=lambda x: getattr(x, "name", ""))
+@pytest.mark.parametrize(
+    ("cause", "variant"),
+    [(c, v) for c in CAUSES.values() for v in c.forms(COVERED)],
+    ids=lambda x: getattr(x, "name", ""),
+)
 def test_terms_are_parameters_with_starts_inside_their_bounds(cause, variant):
     for term in variant.terms:
         assert term.parameter in PARAMETERS
@@ -78,9 +87,44 @@ def test_a_size_away_from_neutral_moves_the_readings(cause, variant):
     experiment = prepare([short_log()], rig)
     still = np.zeros((experiment.moves, 2))
     values = {t.parameter: t.start for t in variant.terms} | dict(variant.fixed)
-    limits = {"integrator_limit": 1.0, "accel_limit": 5e4}
-    values |= {n: v for n, v in limits.items() if n in values}
-    if "bump_position" in values:
-        values["bump_position"] = 1e-4
     plain = simulate(experiment, rig.model, still)
     assert np.abs(simulate(experiment, override(rig.model, "moved", **values), still) - plain).max() > 1e-9
+
+
+def test_starts_follow_the_rig_and_what_its_log_covers():
+    """Ten times the travel, speed and friction: every start that has a length, a speed or a torque grows with it."""
+    bigger = COVERED._replace(
+        low=10 * COVERED.low, high=10 * COVERED.high, speed=10 * COVERED.speed, torque=10 * COVERED.torque
+    )
+    grown = {"N m": 10.0, "rad/s": 10.0, "m": 10.0, "N m/m": 1.0, "N m/m^2": 0.1, "N m s/rad": 1.0}
+    checked = set()
+    for cause in ("viscous_friction", "stribeck_friction", "position_dependent_friction", "shaft_ripple"):
+        pairs = zip(CAUSES[cause].forms(COVERED), CAUSES[cause].forms(bigger), strict=True)
+        for one, two in ((a, b) for v, w in pairs for a, b in zip(v.terms, w.terms, strict=True)):
+            assert two.start == pytest.approx(grown[one.unit] * one.start), one.parameter
+            checked.add(one.unit)
+    assert checked == grown.keys()
+
+
+def test_rough_spots_are_looked_for_where_the_log_has_been_and_nowhere_else():
+    forms = CAUSES["position_dependent_friction"].variants(COVERED, FORCE)
+    places = [t.start for v in forms for t in v.terms if t.parameter == "bump_position"]
+    assert min(places) == pytest.approx(COVERED.low) and max(places) == pytest.approx(COVERED.high)
+    widths = {t.start for v in forms for t in v.terms if t.parameter == "bump_width"}
+    assert np.diff(sorted(places)).max() <= max(widths) * 1.001  # no gap between them
+
+
+def test_a_screw_that_turns_with_the_motor_or_is_unknown_has_no_ripple_of_its_own():
+    screw = CAUSES["screw_ripple"]
+    assert screw.forms(COVERED)[1].fixed == (("screw_lead", 5e-4),)
+    assert screw.forms(COVERED._replace(turn=1e-3)) == ()
+    assert screw.forms(COVERED._replace(lead=math.nan)) == ()
+
+
+def test_bounds_of_a_given_effect():
+    assert bounds("viscous_positive", 1e-7) == (0.0, math.inf)
+    assert bounds("contact_exponent", 1.5) == (0.5, 4.0)
+    assert bounds("bump_width", 2e-4) == pytest.approx(
+        (2e-5, 2e-3)
+    )  # scales with the rig: around its own value
+    assert bounds("bump_position", 2e-4) == bounds("no_effect", 1.0) == (-math.inf, math.inf)

@@ -74,7 +74,7 @@ def test_without_the_mass_a_curve_over_its_position_is_gone():
 
 def test_sensors_show_their_curve():
     shown = Curve("sensor:position", "position", False, 0.0, 1e-3, (0.0, 1e-5))
-    assert a.position_reading(5e-4, 0.0, vector(shown)) == pytest.approx(5e-4 + 5e-6)
+    assert a.sensed_position(5e-4, vector(shown)) == pytest.approx(5e-4 + 5e-6)
     shown = Curve("sensor:current", "current", False, -1.0, 1.0, (-0.02, 0.0, 0.02))
     assert a.current_reading(0.5, vector(shown)) == pytest.approx(0.51)
 

@@ -71,7 +71,7 @@ def test_a_table_that_cannot_be_is_refused(rows: tuple[FaultRow, ...]) -> None:
 
 
 def test_the_labels_of_the_contract() -> None:
-    assert set(LABELS) == {"nominal", "overload", "coupling_loss", "sensor_fault", "unknown"}
+    assert set(LABELS) == {"nominal", "overload", "coupling_loss", "slip", "jam", "sensor_fault", "unknown"}
     assert OPEN_LOOP == ("nominal", "overload", "coupling_loss")  # the paper's three models
 
 

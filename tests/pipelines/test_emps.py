@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.inverse_improvement import findings
-from observer_fi.improve.inverse_ladder import name_causes
+from observer_fi.improve.calculated_force import calculated_force
+from observer_fi.improve.ladder import name_causes
 from observer_fi.learn.inverse_columns import Columns
 from observer_fi.learn.inverse_dynamics import identify_force, relative, residual_on, solve, structure_of
 from observer_fi.learn.inverse_motion import InverseSettings, prepare_motion
@@ -35,7 +35,7 @@ def logs(recorded_data):
         emps.find_folder(recorded_data)
     except UsageError as error:
         pytest.skip(str(error))
-    return emps.to_logs(recorded_data)
+    return [emps.to_log(emps.load(name, recorded_data)) for name in emps.FILES]
 
 
 # --- the loader ---
@@ -142,12 +142,13 @@ def test_extended_model_beats_every_published_one_by_a_fifth(logs):
     learn, pulses = (prepare_motion(log) for log in logs)
     training = (learn, pulses.between(-np.inf, improve_emps.HALF_S - improve_emps.GUARD_S))
     rivals = improve_emps.baselines(learn, training)
-    ladder = name_causes(load_rig("emps"), training)
-    ours = improve_emps.scores(improve_emps.Fitted(ladder.rig, ladder.columns, ladder.final), learn, pulses)
+    problem = calculated_force((), load_rig("emps"), training)
+    learned = improve_emps.Learned(problem, name_causes(problem))
+    ours = improve_emps.scores(improve_emps.final(learned), learn, pulses)
     for name, model in rivals.items():
         assert ours[1] < 0.8 * improve_emps.scores(model, learn, pulses)[1], name
     assert ours[1] < 2.2  # per cent; 2.05 when this was written
-    named = [f.cause for f in findings(ladder)]
+    named = [name for step in learned.ladder.steps for name in step.trial.causes]
     assert named[:2] == ["viscous_friction", "asymmetric_friction"]
     assert set(named[2:4]) == {"stribeck_friction", "input_delay"}
     assert "shaft_ripple" in named
@@ -175,5 +176,4 @@ def test_report_and_packaged_rig_agree(report):
 
 
 def test_nothing_more_is_named_from_the_extended_rig(logs):
-    ladder = name_causes(load_rig("emps_extended"), [prepare_motion(logs[0])])
-    assert not ladder.rungs
+    assert not name_causes(calculated_force(logs[:1], load_rig("emps_extended"))).steps

@@ -5,19 +5,16 @@ import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from observer_fi.errors import UsageError
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Consistency, Outcome
 from observer_fi.report import chart
 from observer_fi.report import diagnosis as report
 from observer_fi.report import diagnosis_figures as figures
-from observer_fi.report.result_folder import clear_leftovers, write_file, write_folder
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 
@@ -33,7 +30,7 @@ CONTRACT = {
         "detected_s",
         "isolated_s",
     ],
-    "posterior": ["nominal", "overload", "coupling_loss", "unknown"],
+    "posterior": ["nominal", "overload", "coupling_loss", "slip", "jam"],
     "open_loop": ["label", "isolated_s"],
     "consistency": ["nis_mean", "nis_expected", "whiteness_p"],
 }
@@ -110,8 +107,11 @@ def visible_text(html: str) -> str:
 def test_the_page_opens_with_the_verdict_and_needs_no_network(outcome: Outcome) -> None:
     html = report.files(outcome, RIG)["report.html"]
     text = visible_text(html)
-    verdict = report.NAMES[outcome.isolation.verdict.label]
-    assert text.index(verdict) < text.index(outcome.explanation) < text.index("The evidence")
+    names = {"nominal": "No fault", "overload": "Overload", "coupling_loss": "Coupling loss", "sensor_fault": "Sensor fault",
+             "unknown": "Unknown fault"}  # fmt: skip
+    headline = text[: text.index(outcome.explanation)]
+    assert [name for name in names.values() if name in headline] == [names[outcome.isolation.verdict.label]]
+    assert text.index(outcome.explanation) < text.index("The evidence")
     parser = _Text()
     parser.feed(html)
     assert parser.links == []
@@ -164,8 +164,16 @@ def test_an_outcome_without_a_verdict_is_refused() -> None:
 
 
 def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) -> None:
-    text = " ".join(report.doubts(overload))
-    assert "hypothesis" in text or "explanation" in text
+    posterior = {"overload": 0.9, "sensor_fault": 0.07, "unknown": 0.03, "nominal": 0.0}
+    close = replace(
+        overload.isolation, verdict=overload.isolation.verdict._replace(posterior=posterior, probability=0.9)
+    )
+    first = report.doubts(replace(overload, isolation=close))[0]
+    assert first == "Next best explanation: sensor fault, with 7.0 %."
+    clear = overload.isolation.verdict._replace(posterior={"overload": 1.0, "coupling_loss": 1e-9})
+    first = report.doubts(replace(overload, isolation=replace(overload.isolation, verdict=clear)))[0]
+    assert first.endswith("one part in a million; the next is coupling loss.")
+    assert "mixture says" not in " ".join(report.doubts(overload))
     other = overload.open_loop.verdict._replace(label="nominal")
     disagreeing = replace(overload, open_loop=replace(overload.open_loop, verdict=other))
     assert "mixture says no fault" in " ".join(report.doubts(disagreeing))
@@ -176,45 +184,6 @@ def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) 
 )
 def test_probabilities_never_round_to_certainty(p: float, text: str) -> None:
     assert report.percent(p) == text
-
-
-# --- writing ---
-
-
-def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
-    folder = tmp_path / "move[1]"
-    write_folder(folder, {"a": "1"})
-    (tmp_path / ".move[1].x7").mkdir()
-    (tmp_path / ".move[1].x7" / "a").write_text("half")
-    (tmp_path / ".move1.x7").mkdir()
-    clear_leftovers(folder)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".move1.x7", "move[1]"]
-    assert (folder / "a").read_text() == "1"
-
-
-def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
-    folder = tmp_path / "a" / "b"
-    write_folder(folder, {"old": "1", "kept": "1"})
-    write_folder(folder, {"kept": "2"})
-    assert {p.name: p.read_text() for p in folder.iterdir()} == {"kept": "2"}
-    assert [p.name for p in folder.parent.iterdir()] == ["b"]
-
-
-def test_a_failed_write_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
-    folder = tmp_path / "out"
-    write_folder(folder, {"a": "1"})
-    with pytest.raises(TypeError):
-        write_folder(folder, {"b": "2", "c": 3})  # type: ignore[dict-item]
-    assert {p.name: p.read_text() for p in folder.iterdir()} == {"a": "1"}
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
-def test_a_place_that_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(UsageError, match="--out"):
-        write_folder(tmp_path / "file" / "out", {"a": "1"})
-    with pytest.raises(UsageError, match="--out"):
-        write_file(tmp_path / "file" / "a", "1")
 
 
 # --- charts ---

@@ -1,6 +1,8 @@
 """fleet: every log has its report or its reason, whatever dies on the way; what is up to date is left alone."""
 
+import contextlib
 import json
+import os
 import re
 import signal
 import subprocess
@@ -11,11 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from observer_fi.cli.commands import main
-from observer_fi.errors import UsageError
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs import SUFFIXES, read_log
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 from observer_fi.serve import fleet
@@ -86,9 +90,9 @@ def test_logs_are_found_to_the_depth_and_named_apart(tmp_path: Path) -> None:
     names = fleet.find_logs(job)
     assert names == {
         "a/b.csv": "a/b", "a/b.csv.gz": "a/b.csv.gz.report", "a/b.parquet": "a/b.parquet.report",
-        "a/c.csv": "a/c.csv.report", "a/c/d.TDMS": "a/c/d", "b.csv": "b",
+        "a/c.csv": "a/c.csv.report", "a/c/d.TDMS": "a/c/d", "b.csv": "b", "n.txt": "n",
     }  # fmt: skip
-    assert list(fleet.find_logs(job, "*.parquet")) == ["a/b.parquet"]
+    assert fleet.find_logs(job, "*.parquet") == {"a/b.parquet": "a/b.parquet.report"}
 
 
 @pytest.mark.parametrize(
@@ -98,6 +102,18 @@ def test_no_logs_is_a_usage_error(tmp_path: Path, folder: str, pattern: str, mes
     job = fleet.Job(tmp_path / folder, tmp_path / "out", RIG, Settings())
     with pytest.raises(UsageError, match=message):
         fleet.find_logs(job, pattern)
+
+
+def test_fleet_takes_every_file_that_diagnose_takes(tmp_path: Path) -> None:
+    job = make_job(tmp_path)
+    job.folder.mkdir()
+    for suffix in SUFFIXES:
+        (job.folder / f"log{suffix}").write_bytes(b"")
+        with pytest.raises(InvalidLogError) as caught:  # empty, but of a known kind
+            read_log(job.folder / f"log{suffix}")
+        assert "unknown kind" not in str(caught.value)
+    (job.folder / "log.xyz").write_bytes(b"")
+    assert set(fleet.find_logs(job)) == {f"log{suffix}" for suffix in SUFFIXES}
 
 
 def test_only_what_changed_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,6 +145,94 @@ def test_only_what_changed_is_read_again(tmp_path: Path, monkeypatch: pytest.Mon
         assert fleet.split(other, names)[1] == names
     monkeypatch.setattr(fleet, "__version__", "999")
     assert fleet.split(job, names)[1] == names
+
+
+def test_another_pattern_overwrites_no_report_and_drops_no_row(tmp_path: Path) -> None:
+    folder = make_logs(tmp_path / "logs", 2, 0)
+    frame = pd.read_csv(folder / "rig0" / "move000.csv", comment="#")
+    frame.to_parquet(folder / "rig0" / "move000.parquet")
+    job = make_job(tmp_path)
+    rows = all_at_once(job, fleet.find_logs(job, "*.csv"))
+    before = (job.out / "rig0" / "move000" / "report.json").read_bytes()
+    names = fleet.find_logs(job, "*.parquet")
+    others = fleet.other_rows(job, names, "*.parquet")
+    assert fleet.worst_first(others) == fleet.worst_first(rows)
+    (row,) = all_at_once(job, names)
+    assert row["report"] == "rig0/move000.parquet.report/report.html"
+    assert (job.out / "rig0" / "move000" / "report.json").read_bytes() == before
+    fleet.write_summary(job, [row, *others])
+    assert len(pq.read_table(job.out / "fleet.parquet")) == 3
+
+
+def test_the_summary_of_another_folder_is_not_replaced(tmp_path: Path) -> None:
+    job = make_job(tmp_path)
+    (tmp_path / "logs").mkdir()
+    fleet.write_summary(job, [fleet.bad_row("a.csv", "bad", "empty")])
+    fleet.check_summary(job)
+    (tmp_path / "others").mkdir()
+    with pytest.raises(UsageError, match="holds the fleet of .*logs"):
+        fleet.check_summary(replace(job, folder=tmp_path / "others"))
+
+
+def test_reports_may_lie_among_the_logs(tmp_path: Path) -> None:
+    """--out at the logs' own folder, or above it: what was written is no log, and nobody's file is touched."""
+    folder = make_logs(tmp_path / "logs", 1, 0)
+    (folder / "rig0" / "move000").mkdir()
+    (folder / "rig0" / "move000" / "raw.bin").write_text("mine")
+    for out in (folder, tmp_path):
+        job = fleet.Job(folder, out, RIG, Settings())
+        for _ in range(2):
+            names = fleet.find_logs(job)
+            assert list(names) == ["rig0/move000.csv"]
+            fleet.write_summary(job, all_at_once(job, names))
+    assert (folder / "rig0" / "move000" / "raw.bin").read_text() == "mine"
+
+
+def test_a_log_that_turns_bad_keeps_its_earlier_report(tmp_path: Path) -> None:
+    folder = make_logs(tmp_path / "logs", 1, 0)
+    job = make_job(tmp_path)
+    names = fleet.find_logs(job)
+    all_at_once(job, names)
+    (folder / "rig0" / "move000.csv").write_text("")
+    (row,) = all_at_once(job, names)
+    assert row["status"] == "bad" and (job.out / "rig0" / "move000" / "report.html").is_file()
+    assert fleet.split(job, names) == ([row], {})  # known to be bad until it changes
+
+
+def test_hostile_names_are_logs_like_others(tmp_path: Path) -> None:
+    folder = make_logs(tmp_path / "logs", 1, 0)
+    content = (folder / "rig0" / "move000.csv").read_bytes()
+    odd = (b"..csv", b"x" * 246 + b".csv", b"fleet.parquet.csv", b"a\nb\x1b[31m.csv")
+    for name in odd:
+        (folder / os.fsdecode(name)).write_bytes(content)
+    (folder / "folder.csv").mkdir()
+    os.mkfifo(folder / "pipe.lvm")
+    (folder / "gone.csv").symlink_to(tmp_path / "nowhere.csv")
+    job = make_job(tmp_path)
+    names = {log: name for log, name in fleet.find_logs(job).items() if log not in ("pipe.lvm", "gone.csv")}
+    rows = all_at_once(job, names)
+    assert len(rows) == len(odd) and all(row["status"] == "done" for row in rows)
+    assert fleet.digest_of(folder / "pipe.lvm") == ""
+    fleet.write_summary(job, rows)
+    assert all((job.out / row["report"]).is_file() for row in rows)
+    assert not fleet.split(job, names)[1]
+
+
+def test_a_folder_that_cannot_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = make_logs(tmp_path / "logs", 2, 0)
+    real = os.scandir
+
+    def scandir(path: Any) -> Any:
+        if str(path).endswith("rig1"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    said: list[str] = []
+    assert list(fleet.find_logs(fleet.Job(folder, tmp_path / "out", RIG, Settings()), say=said.append)) == [
+        "rig0/move000.csv"
+    ]
+    assert len(said) == 1 and "rig1: cannot read this folder (Permission denied)" in said[0]
 
 
 # --- the summary ---------------------------------------------------------------------------------
@@ -251,7 +355,7 @@ def run_and_kill(job: fleet.Job, good: int, broken: int, address: str, workers: 
     assert sorted(row["log"] for row in rows) == list(names)
     assert sum(row["status"] == "done" for row in rows) == good
     assert sum(row["status"] == "bad" for row in rows) == broken
-    assert not list(job.out.rglob(".*"))  # nothing half-written
+    assert not list(job.out.rglob("*.part"))  # nothing half-written
     fleet.write_summary(job, rows)
 
     before = state_of(job.out)
@@ -287,6 +391,47 @@ def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tup
     (failed,) = [row for row in rows if row["status"] == "failed"]
     assert "shared folder" in failed["error"]
     assert list(fleet.split(job, names)[1]) == ["rig0/move000.csv"]
+
+
+@pytest.mark.parametrize("gone", ["scheduler", "workers"])
+def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
+    gone: str, tmp_path: Path, cluster: tuple[str, Processes], monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    make_logs(tmp_path / "logs", 12, 0)
+    address, workers = cluster
+    monkeypatch.setattr(fleet, "WAIT_S", 60.0)  # a busy machine is slow to start
+    real, seen = fleet._finished, []
+
+    def finished(client: Any, under_way: Any) -> Iterator[Any]:
+        for future in real(client, under_way):
+            yield future
+            seen.append(future)
+            if len(seen) == 3:
+                for process in [cluster_scheduler(address)] if gone == "scheduler" else workers:
+                    os.kill(process if isinstance(process, int) else process.pid, signal.SIGKILL)
+
+    monkeypatch.setattr(fleet, "_finished", finished)
+    words = ["fleet", str(tmp_path / "logs"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--scheduler", address]) == 1
+    said = capsys.readouterr()
+    assert len(said.err.splitlines()) == 1 and "run the same command again" in said.err
+    rows = pq.read_table(tmp_path / "out" / "fleet.parquet").to_pylist()
+    assert len(rows) == 12 and 3 <= sum(row["status"] == "done" for row in rows) < 12
+    job = make_job(tmp_path)
+    assert len(fleet.split(job, fleet.find_logs(job))[0]) >= 3  # they are not done again
+
+
+def cluster_scheduler(address: str) -> int:
+    """The process that listens on a port of this machine."""
+    port = f":{int(address.rsplit(':', 1)[1]):04X}"
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    inode = next(line[9] for line in lines if line[1].endswith(port) and line[3] == "0A")
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            if os.readlink(link) == f"socket:[{inode}]":
+                return int(link.parts[2])
+    raise AssertionError(f"nobody listens on {address}")
 
 
 def test_command_on_local_workers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenarios
+from fuzz import watch_streams
 
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import log_feed as feed
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.columns import PLAIN, ColumnMap, Source
 from observer_fi.logs.ingest import load_columns, open_log
 from observer_fi.physics.rigs import load_rig, override
@@ -374,7 +375,11 @@ def test_a_stream_that_cannot_be_used_is_refused_in_one_line(text: str, message:
 def test_an_empty_stream_has_a_last_verdict() -> None:
     found, _ = fed([b""])
     assert [line["event"] for line in found] == ["end"]
-    assert found[0]["time_s"] is None and found[0]["label"] == "nominal" and found[0]["samples"] == 0
+    assert (
+        found[0]["time_s"] is None
+        and (found[0]["label"], found[0]["probability"]) == ("not_tested", None)
+        and found[0]["samples"] == 0
+    )
 
 
 def test_every_move_has_its_verdict_and_faults_are_counted() -> None:
@@ -416,6 +421,41 @@ def test_two_hundred_moves_leave_no_object_behind() -> None:
     assert flow.live.moves == 200 and flow.live.samples == 100 * len(lines)
 
 
+@pytest.mark.parametrize("blocked", ["stdout", "stderr"])
+def test_a_signal_ends_it_while_nobody_reads_what_it_writes(blocked: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    lines = csv_lines(sample_log())
+    path.write_text("".join(lines) if blocked == "stdout" else lines[1] + "a broken line\n" * 20_000)
+    process = start_watch("--every", "1", "--follow", str(path))
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.read(1) if blocked == "stdout" else process.stderr.read(1)
+    time.sleep(1.0)  # until the pipe is full
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=60) == 0
+    process.stdout.close()
+    process.stderr.close()
+
+
+@pytest.mark.parametrize(
+    "redirect, said",
+    [
+        ("> /dev/full", "standard output cannot be written (No space left on device)"),
+        (">&-", "standard output is closed"),
+        ("<&-", "standard input is closed"),
+        ("--follow .", "not a plain file"),
+    ],
+)
+def test_streams_that_cannot_be_used_are_one_line(redirect: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(csv_bytes(sample_log("none")))
+    source = "" if "<" in redirect or "follow" in redirect else f"< {path}"
+    ran = subprocess.run(
+        f"{sys.executable} -m observer_fi watch {source} {redirect}", shell=True, text=True, capture_output=True,
+        timeout=100,
+    )  # fmt: skip
+    assert ran.returncode == 2 and said in ran.stderr and ran.stderr.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_a_process_fed_fast_does_not_grow(tmp_path: Path) -> None:
     """300 000 samples through the whole process: resident memory after the first tenth is that at the end."""
@@ -440,6 +480,144 @@ def test_a_process_fed_fast_does_not_grow(tmp_path: Path) -> None:
     process.stderr.close()
     assert json.loads(told[-1])["samples"] == 94 * len(table)
     assert max(sizes[20:]) < max(sizes[10:20]) + 5e6
+
+
+NAMES = ("time_s", "voltage_v", "current_a", "position_m", "speed_cmd_rad_s")
+
+
+def json_lines(*rows: str) -> bytes:
+    return ("\n".join(rows) + "\n").encode()
+
+
+def test_numbers_beyond_all_floats_and_deep_nesting_are_skipped_lines() -> None:
+    good = [json.dumps(dict(zip(NAMES, (k / 1600, 0.0, 0.0, 0.0, 0.0), strict=True))) for k in range(100)]
+    digits = "9" * 400
+    odd = [
+        f'{{"time_s": {digits}, "voltage_v": 1}}',
+        f'{{"time_s": 0.0312, "voltage_v": -{digits}, "current_a": 0, "position_m": 0, "speed_cmd_rad_s": 0}}',
+        "[" * 50_000,
+        '{"time_s": ' * 5_000,
+        '{"time_s": {"a": [' + "[" * 900 + "]" * 900 + "]}}",
+        f'{{"time_s": {"9" * 5000}}}',
+    ]
+    found, said = fed([json_lines(*good[:50], *odd, *good[50:])])
+    assert found[-1]["event"] == "end" and found[-1]["skipped"] == len(said) == 4
+    assert all(len(line) < 200 and "\n" not in line for line in said)
+
+
+def test_a_clock_that_stands_still_is_counted_to_the_last_sample() -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    still = [f"0.5,{line.split(',', 1)[1]}" for line in lines]
+    found, said = fed([(header + "".join(still)).encode()])
+    assert found[-1]["samples"] + found[-1]["skipped"] == len(lines)
+    assert found[-1]["skipped"] > len(lines) - 64 and any("no time of their own" in line for line in said)
+
+
+@pytest.mark.parametrize("where", ["all", "first", "last", "middle"])
+def test_samples_without_a_time_are_placed_or_counted(where: str) -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    rows = {"all": range(3000), "first": range(30), "last": range(2900, 3000), "middle": range(700, 1500)}[
+        where
+    ]
+    lines = [f",{line.split(',', 1)[1]}" if k in rows else line for k, line in enumerate(lines[:3000])]
+    found, _ = fed([(header + "".join(lines)).encode()])
+    assert found[-1]["samples"] + found[-1]["skipped"] == len(lines)
+    assert where != "all" or found[-1]["samples"] == 0
+
+
+def test_times_that_no_clock_has_are_no_times(recwarn: pytest.WarningsRecorder) -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    lines[500:500] = ["1e308,0,0,0,0,0\n", "-1e16,0,0,0,0,0\n", "inf,0,0,0,0,0\n"]
+    found, _ = fed([(header + "".join(lines)).encode()])
+    assert found[-1]["samples"] == len(lines) and found[-1]["time_s"] < 2.0
+    assert not recwarn.list
+
+
+def test_a_clock_that_begins_anew_counts_what_waited() -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    waiting = [f",{line.split(',', 1)[1]}" for line in lines[1000:1020]]
+    found, _ = fed([(header + "".join([*lines[:1000], *waiting, *lines])).encode()])
+    assert found[-1]["samples"] + found[-1]["skipped"] == 1020 + len(lines)
+
+
+def test_ten_samples_of_a_move_are_no_verdict() -> None:
+    header, *lines = csv_lines(sample_log("none"))[1:]
+    found, _ = fed([(header + "".join(lines[600:610])).encode()])
+    assert [(line["event"], line["label"]) for line in found] == [("end", "not_tested")]
+    assert found[0]["probability"] is None
+
+
+def test_a_stream_without_noise_is_judged_as_its_file() -> None:
+    log = synthesise(Scenario(TWO_MOVES, 2.0, fault=Fault(), noise=0.0), RIG)[0]
+    found, _ = fed([csv_bytes(log)])
+    assert found[-1]["label"] == "nominal"
+    assert diagnose.diagnose_log(log, RIG, SETTINGS).isolation.verdict.label == "nominal"
+
+
+def test_mutated_streams_end_in_a_last_line_or_in_one_of_refusal(tmp_path: Path) -> None:
+    counts, slowest = watch_streams.run(400, seed=7, banks=0.05, finds=tmp_path / "finds")
+    assert not [what for what in counts if "FOUND" in what] and slowest < watch_streams.SLOWEST_S
+    assert counts["Watch nominal"] and counts["Lines refused"]
+
+
+# --- files that do not only grow -----------------------------------------------------------------
+
+
+def read_all(source: watch.Growing) -> bytes:
+    """What the file gives now."""
+    pieces = []
+    read, write = os.pipe()
+    try:
+        while data := source.read(read, 0.0):
+            pieces.append(data)
+    finally:
+        os.close(read)
+        os.close(write)
+    return b"".join(pieces)
+
+
+def rewrite(path: Path, data: bytes, later_ns: int) -> None:
+    """In place, with a change time that surely differs."""
+    with path.open("r+b") as stream:
+        stream.write(data)
+    found = path.stat()
+    os.utime(path, ns=(found.st_atime_ns, found.st_mtime_ns + later_ns))
+
+
+@pytest.mark.parametrize("at", [0, 100_000, 199_999])
+def test_a_file_rewritten_at_the_same_length_is_read_anew(tmp_path: Path, at: int) -> None:
+    path, data = tmp_path / "log.csv", bytes(range(200)) * 1000
+    path.write_bytes(data)
+    source = watch.Growing(path)
+    assert read_all(source) == data and read_all(source) == b"" and source.renewed() == ""
+    other = data[:at] + b"#" + data[at + 1 :]
+    rewrite(path, other, 10**6)
+    assert read_all(source) == b"" and source.renewed() == "the file was rewritten"
+    assert read_all(source) == other
+    rewrite(path, other, 2 * 10**6)  # touched only
+    assert read_all(source) == b"" and source.renewed() == ""
+    with path.open("ab") as stream:
+        stream.write(b"more")
+    assert read_all(source) == b"more" and source.renewed() == ""
+    rewrite(path, data[::-1] + b"morelonger", 3 * 10**6)
+    assert read_all(source) == b"" and source.renewed() == "the file was rewritten"
+    assert read_all(source) == data[::-1] + b"morelonger"
+    source.close()
+
+
+def test_what_is_no_file_is_not_followed(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(UsageError, match="not a plain file"):
+            watch.Growing(path)
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"a\n")
+    source = watch.Growing(path)
+    assert read_all(source) == b"a\n"
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(UsageError, match="not a plain file"):
+        read_all(source)
 
 
 # --- the process ---------------------------------------------------------------------------------

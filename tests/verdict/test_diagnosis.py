@@ -157,11 +157,21 @@ def test_a_missing_column_is_noted_and_the_verdict_stands(label: str, column: st
     assert outcome.log is not None and any(column in note for note in outcome.log.notes)
 
 
+@pytest.mark.parametrize("label", FAULTS)
+def test_a_log_in_memory_without_its_command_gets_it_back(label: str) -> None:
+    """No path may take a command that nobody logged for a rest: a faulty log would be called healthy."""
+    fault = Fault() if label == "nominal" else Fault(label, 1.3)
+    frame, _ = make_log(TruthSpec(single_move(-350.0, 1.6, pitch_deg=4.0), fault=fault), 8)
+    outcome = diagnose_log(log_from_frame(frame.drop(columns="speed_cmd_rad_s")), RIG, SETTINGS)
+    assert event_of(outcome).label == label and outcome.isolation.events
+    assert outcome.log is not None and any("recovered from voltage" in note for note in outcome.log.notes)
+
+
 def test_a_log_at_rest_says_nothing(tmp_path: Path) -> None:
     frame, _ = make_log(TruthSpec(single_move(300.0, 0.2, rest_before_s=0.6, rest_after_s=0.1)), 1)
     outcome = diagnose(write_log(frame.iloc[:900], tmp_path / "rest.csv"), RIG, SETTINGS)
-    assert event_of(outcome).label == "nominal" and outcome.isolation.events == ()
-    assert outcome.explanation == "The log holds no commanded move, so it says nothing about the actuator."
+    assert event_of(outcome).label == "not_tested" and outcome.isolation.events == ()
+    assert outcome.explanation == "Not tested: the log holds no move, so it says nothing about the actuator."
 
 
 # --- many moves ----------------------------------------------------------------------------------

@@ -7,58 +7,84 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
-from observer_fi.logs.tables import Block, Table, not_a_number, plain, positions, regrouped
+from observer_fi.logs.formats.source import Source
+from observer_fi.logs.formats.third_party import third_party
+from observer_fi.logs.tables import Block, RowCount, Table, not_a_number, plain, positions, regrouped
 from observer_fi.records import Array
 
+BATCH_ROWS = 1 << 16
+# Of a row group, unpacked: what a page of it may ask for. (Its columns are not looked at one by one: pyarrow ends the process
+# where the metadata of one are damaged.)
+MOST_GROUP_BYTES = 1 << 30
+_DAMAGED = "not a whole Parquet file ({}); copy or export it again"
+_NO_LOG = (b"ARROW:schema", b"pandas")
 
-def open_parquet(path: str, column_map: ColumnMap) -> Table:
+
+def open_parquet(source: Source, column_map: ColumnMap) -> Table:
     """A Parquet file; the key-value pairs of its schema are the metadata."""
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path) as file:
-            headers = list(file.schema_arrow.names)
-            raw = dict(file.schema_arrow.metadata or {})
-    except pa.ArrowInvalid as error:
-        what = str(error).splitlines()[0].rstrip(".")
+    remarks: list[str] = []
+    with source.open() as stream, third_party(source.path, _DAMAGED, remarks):
+        file = pq.ParquetFile(stream)
+        headers = [str(name) for name in file.schema_arrow.names]
+        raw, total = dict(file.schema_arrow.metadata or {}), int(file.metadata.num_rows)
+        groups = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
+        types = list(file.schema_arrow.types)
+        largest = max((file.metadata.row_group(k).total_byte_size for k in range(len(groups))), default=0)
+    if total != sum(groups) or min(groups, default=0) < 0:
+        raise InvalidLogError(f"{source.path}: " + _DAMAGED.format("its row groups do not add up"))
+    if largest > MOST_GROUP_BYTES:
         raise InvalidLogError(
-            f"{path}: not a whole Parquet file ({what}); copy or export it again"
-        ) from error
-    at = positions(path, headers, column_map)
+            f"{source.path}: a row group has {largest >> 20} MB, more than {MOST_GROUP_BYTES >> 20} MB; write it in smaller ones"
+        )
+    at = positions(source.path, headers, column_map)
+    for column, k in at.items():
+        _check_type(source.path, column, types[k])
     metadata = tuple(
-        f"{key.decode('utf-8', 'replace')}: {value.decode('utf-8', 'replace')}"
+        f"{key.decode('utf-8', 'replace')}: {value[:2000].decode('utf-8', 'replace')}"
         for key, value in raw.items()
-        if key not in (b"ARROW:schema", b"pandas")
+        if key not in _NO_LOG
     )
+    count = RowCount(total)
 
     def blocks(rows: int) -> Iterator[Block]:
-        return regrouped(_parquet_blocks(path, {c: headers[k] for c, k in at.items()}, rows), rows)
+        return regrouped(_blocks(source, {c: headers[k] for c, k in at.items()}, rows, remarks), rows)
 
-    return Table(tuple(at), blocks, metadata)
+    return Table(tuple(at), blocks, count, metadata, remarks=remarks)
 
 
-def _parquet_blocks(path: str, used: dict[str, str], rows: int) -> Iterator[Block]:
-    import pyarrow as pa
+def _check_type(path: str, column: str, kind: Any) -> None:
+    import pyarrow.types as of
+
+    numeric = of.is_integer(kind) or of.is_floating(kind) or of.is_decimal(kind)
+    texts = of.is_string(kind) or of.is_large_string(kind) or of.is_null(kind)
+    if not (numeric or texts or (of.is_dictionary(kind) and of.is_string(kind.value_type))):
+        raise InvalidLogError(
+            f"{path}: column {column} is of type {kind}; numbers in {COLUMNS[column].unit} are needed"
+        )
+
+
+def _blocks(source: Source, used: dict[str, str], rows: int, remarks: list[str]) -> Iterator[Block]:
     import pyarrow.parquet as pq
 
     done = 0
-    try:
-        with pq.ParquetFile(path, pre_buffer=False) as file:
-            for batch in file.iter_batches(
-                batch_size=min(rows, 1 << 17), columns=list(dict.fromkeys(used.values()))
-            ):
+    with source.open() as stream:
+        with third_party(source.path, _DAMAGED, remarks):
+            file = pq.ParquetFile(stream, pre_buffer=False)
+            batches = file.iter_batches(batch_size=min(rows, BATCH_ROWS), columns=list(used.values()))
+        while True:
+            refusal = f"breaks off after row {done} ({{}}); copy or export it again"
+            with third_party(source.path, refusal, remarks):
+                batch = next(batches, None)
+                if batch is None:
+                    return
                 values = {
-                    column: _floats(path, batch.column(batch.schema.names.index(name)), column, done)
+                    column: _floats(source.path, batch.column(batch.schema.names.index(name)), column, done)
                     for column, name in used.items()
                 }
-                yield Block(np.arange(done + 1, done + batch.num_rows + 1), values)
-                done += batch.num_rows
-    except (pa.ArrowInvalid, OSError) as error:
-        what = str(error).splitlines()[0].rstrip(".")
-        raise InvalidLogError(
-            f"{path}: breaks off after row {done} ({what}); copy or export it again"
-        ) from error
+            yield Block(np.arange(done + 1, done + batch.num_rows + 1), values)
+            done += batch.num_rows
 
 
 def _floats(path: str, array: Any, column: str, done: int) -> Array:
@@ -67,11 +93,9 @@ def _floats(path: str, array: Any, column: str, done: int) -> Array:
     if array.type == pa.float64():
         return plain(array)
     try:
+        if pa.types.is_dictionary(array.type):
+            array = array.dictionary_decode()
         return plain(array.cast(pa.float64(), safe=False))
-    except pa.ArrowNotImplementedError as error:
-        raise InvalidLogError(
-            f"{path}: column {column} is of type {array.type}; numbers in {COLUMNS[column].unit} are needed"
-        ) from error
     except pa.ArrowInvalid as error:
         for k, text in enumerate(array.to_pylist()):
             if text is not None and not _is_number(text):

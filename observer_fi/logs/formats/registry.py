@@ -1,15 +1,21 @@
 """Which reader opens a file. A reader judges no value: what is no number is an error, the rest is cleaned."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import open_csv
-from observer_fi.logs.formats.labview import open_lvm, open_tdms
+from observer_fi.logs.formats.lvm import open_lvm
 from observer_fi.logs.formats.parquet import open_parquet
+from observer_fi.logs.formats.source import Source
+from observer_fi.logs.formats.tdms import open_tdms
 from observer_fi.logs.tables import Table
 
 SUFFIXES = (".csv.gz", ".csv", ".parquet", ".tdms", ".lvm", ".txt", ".tsv", ".dat", ".pq")
+
+MOST_METADATA = 200  # lines
+LONGEST_METADATA = 500  # characters
 
 
 def suffix_of(path: str | Path) -> str:
@@ -18,16 +24,9 @@ def suffix_of(path: str | Path) -> str:
     return next((suffix for suffix in SUFFIXES if name.endswith(suffix)), "")
 
 
-def open_table(path: str, column_map: ColumnMap) -> Table:
+def open_table(source: Source, column_map: ColumnMap) -> Table:
     """Opens the file far enough to know its columns. Raises InvalidLogError, the one line for the user."""
-    try:
-        with open(path, "rb") as stream:
-            magic = stream.read(4)
-    except OSError as error:
-        what = (error.strerror or str(error)).lower()
-        raise InvalidLogError(
-            f"{path}: cannot read the log ({what}); check the path and its permissions"
-        ) from error
+    path, magic = source.path, source.magic
     if not magic:
         raise InvalidLogError(f"{path}: the file is empty; record or export the log again")
     suffix = suffix_of(path)
@@ -37,6 +36,14 @@ def open_table(path: str, column_map: ColumnMap) -> Table:
     if suffix not in readers and magic == b"PAR1":
         raise InvalidLogError(f"{path}: this is a Parquet file; rename it to end in .parquet")
     try:
-        return readers.get(suffix, open_csv)(path, column_map)
+        table = readers.get(suffix, open_csv)(source, column_map)
     except OSError as error:
         raise InvalidLogError(f"{path}: cannot read the log ({error}); copy or export it again") from error
+    return replace(table, metadata=_shown(table.metadata))
+
+
+def _shown(metadata: tuple[str, ...]) -> tuple[str, ...]:
+    """Metadata as lines that neither a terminal nor a page obeys, and not more than anyone reads."""
+    shown = tuple(one_line(text, LONGEST_METADATA) for text in metadata[:MOST_METADATA])
+    more = len(metadata) - len(shown)
+    return (*shown, f"... and {more} more lines of metadata") if more else shown

@@ -1,0 +1,64 @@
+"""How much of a misfit of simulated moves counts: over the noise, over the dust of imperfections, and on held-out moves."""
+
+import math
+
+import numpy as np
+
+from observer_fi.learn import Experiment, FitResult, residuals, select, without_moves
+from observer_fi.numerics import sum_of_squares
+from observer_fi.records import Array
+
+_DUST = 0.001
+_DUST_NOISE = 0.07
+POSITION = 2  # channel
+_POSITION_DUST = 0.05  # its share
+
+
+def excess(experiment: Experiment, r: Array) -> float:
+    """Misfit over the noise [nats], less three standard deviations of what white noise alone shows; never negative."""
+    n = int((experiment.weight > 0.0).sum())
+    return max(0.5 * (sum_of_squares(r) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+
+
+def dust(experiment: Experiment, most: float) -> float:
+    """Nats below which nothing is named or told: imperfections of larger causes, and of timing, look like that.
+
+    0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise.
+    """
+    return max(_DUST * most, 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum()))
+
+
+def position_dust(experiment: Experiment, most: float) -> float:
+    """The same for a gain in the position alone, 5 % of its noise: the timing of a servo does not reach it [nats]."""
+    return max(_DUST * most, 0.5 * _POSITION_DUST**2 * int((experiment.weight[:, POSITION] > 0.0).sum()))
+
+
+def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
+    """(N, 3) residuals of every move under the parameters fitted without it.
+
+    Current and position of its rest are the move's own: no other move can tell them, nor the phase of a shaft there.
+    """
+    still = np.zeros_like(fitted.nuisance)
+    parts = []
+    for m in range(experiment.moves):
+        model = without_moves(fitted, [m])
+        window = [m - 1, m] if m and model["backlash"] != 0.0 else [m]
+        here = select(experiment, window)
+        size = experiment.rows(m).stop - experiment.rows(m).start
+        # At the edge of friction a rest may slip with one of the two, for a friction a little different.
+        tried = [residuals(here, model, start[window])[-size:] for start in (fitted.nuisance, still)]
+        parts.append(min(tried, key=sum_of_squares))
+    return np.concatenate(parts)
+
+
+def channel_excess(experiment: Experiment, r: Array, channel: int) -> float:
+    """`excess` of one channel [nats]."""
+    n = int((experiment.weight[:, channel] > 0.0).sum())
+    return max(0.5 * (float(np.sum(r[:, channel] ** 2)) - n) - 3.0 * math.sqrt(0.5 * n), 0.0)
+
+
+def raw_excess(experiment: Experiment, r: Array, channel: int | None = None) -> float:
+    """Misfit over the noise [nats], of all or of one channel; negative where the noise was less than expected."""
+    chosen = slice(None) if channel is None else channel
+    n = int((experiment.weight[:, chosen] > 0.0).sum())
+    return 0.5 * (float(np.sum(r[:, chosen] ** 2)) - n)

@@ -1,0 +1,134 @@
+"""The file behind a log: opened as often as needed, and noticed if it is no longer the one that was opened first."""
+
+import codecs
+import gzip
+import hashlib
+import os
+import stat
+import zlib
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple
+
+from observer_fi.errors import InvalidLogError
+
+PIECE_BYTES = 1 << 20
+_ONE_BYTE = (
+    "utf-8",
+    "ascii",
+    "cp125",
+    "iso8859",
+    "latin",
+    "koi8",
+)  # ASCII as it stands, and nothing else looks like it
+
+
+class _Identity(NamedTuple):
+    """What changes when a file is written to, or another takes its name."""
+
+    device: int
+    inode: int
+    size: int
+    changed_ns: int
+
+
+def _identity(found: os.stat_result) -> _Identity:
+    return _Identity(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+class Source:
+    """A regular file that has to stay as it is until it was read to its end."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        try:
+            found = os.stat(path)
+            if not stat.S_ISREG(found.st_mode):
+                raise InvalidLogError(f"{path}: cannot read the log ({_kind(found.st_mode)}); give a file")
+            self._first = _identity(found)
+            with open(path, "rb") as stream:
+                self.magic = stream.read(4)
+        except InvalidLogError:
+            raise
+        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+            what = (getattr(error, "strerror", None) or str(error)).lower()
+            raise InvalidLogError(
+                f"{path}: cannot read the log ({what}); check the path and its permissions"
+            ) from error
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self._first.size
+
+    def open(self) -> BinaryIO:
+        """The bytes from the first on; the caller closes it. Raises InvalidLogError if they are no longer the same file."""
+        try:
+            stream = open(self.path, "rb")  # noqa: SIM115
+        except OSError as error:
+            raise self._replaced() from error
+        if _identity(os.fstat(stream.fileno())) != self._first:
+            stream.close()
+            raise self._replaced()
+        return stream
+
+    def check(self) -> None:
+        """Raises InvalidLogError if the file was written to, replaced or removed since it was opened first."""
+        try:
+            same = _identity(os.stat(self.path)) == self._first
+        except OSError:
+            same = False
+        if not same:
+            raise self._replaced()
+
+    def sha256(self) -> str:
+        """SHA-256 of the file. Raises InvalidLogError if it changed since it was opened first."""
+        with self.open() as stream:
+            found = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
+        self.check()
+        return found
+
+    def _replaced(self) -> InvalidLogError:
+        return InvalidLogError(
+            f"{self.path}: the file changed while it was read; wait until the logger has finished, and read it again"
+        )
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFDIR: "is a directory", stat.S_IFIFO: "is a named pipe", stat.S_IFSOCK: "is a socket"}
+    return kinds.get(stat.S_IFMT(mode), "is a device")
+
+
+def is_like_ascii(encoding: str | None) -> bool:
+    """Whether a byte of ASCII stands for itself in this encoding, and for nothing else."""
+    return encoding is None or codecs.lookup(encoding).name.startswith(_ONE_BYTE)
+
+
+def utf8_pieces(source: Source, encoding: str | None) -> Iterator[bytes]:
+    """The decompressed text in pieces of about a megabyte; an encoding that does not look like ASCII becomes UTF-8.
+
+    Raises InvalidLogError where it cannot be decompressed.
+    """
+    if encoding is None and source.magic[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    decoder = None if is_like_ascii(encoding) else codecs.getincrementaldecoder(encoding or "")("replace")
+    with source.open() as raw:
+        packed = source.magic[:2] == b"\x1f\x8b"
+        stream = gzip.GzipFile(fileobj=raw) if packed else raw
+        while True:
+            try:
+                piece = stream.read(PIECE_BYTES)
+                text = (
+                    piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
+                )
+            except UnicodeError as error:
+                raise InvalidLogError(
+                    f"{source.path}: cannot be decoded as {encoding} ({str(error)[:100]}); name the right encoding in a "
+                    "column map"
+                ) from error
+            except (OSError, EOFError, zlib.error) as error:
+                raise InvalidLogError(
+                    f"{source.path}: breaks off ({str(error)[:100]}); copy or export it again"
+                ) from error
+            yield text
+            if not piece:
+                return

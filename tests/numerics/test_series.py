@@ -1,0 +1,48 @@
+"""Series of samples against the definitions."""
+
+import numpy as np
+import pytest
+
+from observer_fi.numerics.series import autocorrelation, constant_runs, correlation_time, filled, runs
+
+
+@pytest.mark.parametrize(
+    ("mask", "expected"),
+    [("", []), ("0", []), ("1", [(0, 1)]), ("0110", [(1, 3)]), ("1101", [(0, 2), (3, 4)]), ("111", [(0, 3)])],
+)
+def test_runs_of_a_mask(mask: str, expected: list[tuple[int, int]]) -> None:
+    starts, stops = runs(np.array([c == "1" for c in mask], dtype=bool))
+    assert list(zip(starts, stops, strict=True)) == expected
+
+
+def test_constant_runs_cover_all_rows() -> None:
+    assert constant_runs(np.array([0, 0, 1, -1, -1])) == [(0, 2), (2, 3), (3, 5)]
+    assert constant_runs(np.array([2.0])) == [(0, 1)]
+    assert constant_runs(np.array([])) == []
+
+
+def test_what_is_missing_is_interpolated_over_time_or_rows() -> None:
+    y = np.array([np.nan, 1.0, np.nan, np.inf, 4.0, np.nan])
+    np.testing.assert_allclose(filled(y), [1.0, 1.0, 2.0, 3.0, 4.0, 4.0])
+    np.testing.assert_allclose(
+        filled(y, np.array([0.0, 1.0, 3.0, 3.5, 4.0, 9.0])), [1.0, 1.0, 3.0, 3.5, 4.0, 4.0]
+    )
+    whole, empty = np.arange(3.0), np.full(3, np.nan)
+    assert filled(whole) is whole and filled(empty) is empty
+
+
+def test_autocorrelation_is_the_sum_of_products() -> None:
+    y = np.random.default_rng(1).normal(size=300) + 5.0
+    e = y - y.mean()
+    expected = [float(e[k:] @ e[:-k] / (e @ e)) for k in range(1, 21)]
+    np.testing.assert_allclose(autocorrelation(y, 20), expected, atol=1e-12)
+    assert autocorrelation(np.ones(10), 3).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_correlation_time_of_white_noise_is_one_and_of_a_decay_its_sum() -> None:
+    noise = np.random.default_rng(2).normal(size=40_000)
+    assert correlation_time(noise, 400) == pytest.approx(1.0, abs=0.05)
+    y = np.zeros(noise.size)
+    for k in range(1, y.size):
+        y[k] = 0.8 * y[k - 1] + noise[k]
+    assert correlation_time(y, 400) == pytest.approx((1.0 + 0.8) / (1.0 - 0.8), rel=0.1)

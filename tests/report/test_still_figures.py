@@ -1,0 +1,77 @@
+"""Still figures: the same bytes for the same arrays, axes that say what they show, and no matplotlib where none is asked for."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from observer_fi.physics import load_rig
+from observer_fi.physics.faults import OPEN_LOOP, colour_of
+from observer_fi.report import still_figures
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose
+
+DATA = Path(__file__).parents[2] / "data"
+T = np.linspace(0.0, 0.4, 200)
+DELAYS = [
+    {"label": fault, "group": group, **{judge: {"delay_s": delay} for judge, delay in (("bank", 0.02), ("mixture", np.nan))}}
+    for fault in ("overload", "coupling_loss")
+    for group in ("steady state", "start transient")
+]  # fmt: skip
+DRAWN = {
+    "start": lambda: still_figures.start_figure(1, T, np.sin(T), np.cos(T)),
+    "contact": lambda: still_figures.contact_figure((T, T**2), (T, T**2)),
+    "residual": lambda: still_figures.residual_norm_figure("title", T, np.full((T.size, 3), (1.0, 2.0, 3.0)), 0.1),
+    "delays": lambda: still_figures.delay_figure(DELAYS),
+    "force": lambda: still_figures.force_figure(T, T, [still_figures.Curve(T, -T, "a model", colour_of("nominal"))]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_same_arrays_give_the_same_bytes(name: str) -> None:
+    first = still_figures.svg(DRAWN[name]())
+    with matplotlib.rc_context({"font.size": 30.0, "lines.linewidth": 9.0, "axes.facecolor": "black"}):
+        again = still_figures.svg(DRAWN[name]())
+    assert first == again
+    assert first.startswith("<?xml") and "<path" in first
+    assert "dc:date" not in first and matplotlib.__version__ not in first
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_column_of_axes_says_what_it_shows_and_in_which_unit(name: str) -> None:
+    figure = DRAWN[name]()
+    assert any("[" in axes.get_ylabel() for axes in figure.axes)
+    if name != "delays":  # its places are words
+        assert "[" in figure.axes[-1].get_xlabel()
+
+
+def test_a_model_has_the_colour_of_its_fault() -> None:
+    lines = DRAWN["residual"]().axes[0].get_lines()
+    assert [line.get_color() for line in lines[:3]] == [colour_of(mode) for mode in OPEN_LOOP]
+    assert [float(line.get_ydata()[0]) for line in lines[:3]] == [1.0, 2.0, 3.0]  # type: ignore[index]
+
+
+def test_an_outcome_is_drawn_with_every_hypothesis() -> None:
+    outcome = diagnose(DATA / "overload_steady.csv.gz", load_rig(), Settings())
+    figure = still_figures.diagnosis_figure(outcome)
+    assert isinstance(figure, Figure) and len(figure.axes) == 5
+    legend = figure.axes[4].get_legend()
+    assert legend is not None and len(legend.get_texts()) == len(outcome.modes)
+    assert "overload" in still_figures.svg(figure)
+    with pytest.raises(ValueError, match="no verdict to draw"):
+        still_figures.diagnosis_figure(replace(outcome, isolation=None))
+
+
+def test_diagnose_starts_without_matplotlib(tmp_path: Path) -> None:
+    script = (
+        "import sys; from observer_fi.cli import main; code = main(sys.argv[1:]); "
+        "sys.exit(code or 10 * any(name.split('.')[0] == 'matplotlib' for name in sys.modules))"
+    )
+    log = DATA / "overload_steady.csv.gz"
+    command = [sys.executable, "-c", script, "diagnose", str(log), "--quiet", "--out", str(tmp_path)]
+    assert subprocess.run(command, check=False).returncode == 0
