@@ -135,7 +135,7 @@ class LastWord:
         tells = [own for own in FAULTS[label].sizes if own.tells and own.name in path.hypothesis.states]
         return event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
-            onset_s=begin, onset_interval_s=(begin, float(t[path.begin])),
+            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])), isolated_s=None,
             detected_s=event.detected_s or event.doubted_s,
             over_s=None if path.end is None else float(t[path.end]), alike=alike,
             severity=tuple(self._severity(path, own, whole) for own in tells),

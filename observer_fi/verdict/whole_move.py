@@ -30,6 +30,7 @@ KEPT = 5  # hypotheses of each look that are followed to the end
 class Path(NamedTuple):
     """One way in which a move may have gone. begin, end: samples of the window, end None where it lasted to the last.
 
+    first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
     innovation squared of the fault's filter while it lasted.
     """
@@ -40,6 +41,8 @@ class Path(NamedTuple):
     gain: float
     memory: HypothesisState
     nis: float
+    first: int = 0
+    last: int = 0
 
 
 class WholeMove:
@@ -59,7 +62,10 @@ class WholeMove:
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
         begins = self._promising(max(first, 0), min(last, self.n - LEFT))
-        found = [path for h, begin, look in begins for path in self._ends(h, self._refined(h, begin, look))]
+        found = []
+        for h, begin, look in begins:
+            best, low, high = self._refined(h, begin, look)
+            found += [path._replace(first=low, last=high) for path in self._ends(h, best)]
         return sorted(found, key=lambda path: -path.gain)
 
     def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int, int]]:
@@ -89,14 +95,18 @@ class WholeMove:
             best = max(gains, key=lambda k: gains[k])
         return gains[best], best
 
-    def _refined(self, h: Hypothesis, begin: int, look: int) -> int:
-        """The begin to a sample: all are judged up to the same sample."""
+    def _refined(self, h: Hypothesis, begin: int, look: int) -> tuple[int, int, int]:
+        """The begin to a sample, and its central 95 %: all begins are judged up to the same sample."""
         look = min(look, LOOKS[1])
         for around, step in ((4 * STRIDE, 8), (8, 1)):
             near = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
             gains = self._gains(h, near, look, begin + around + look)
             begin = max(gains, key=lambda k: gains[k])
-        return begin
+        samples = np.array(sorted(gains))
+        nats = np.array([gains[k] for k in samples.tolist()])
+        share = np.cumsum(np.exp(nats - nats.max()))
+        low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
+        return begin, int(samples[low]), int(samples[min(high, samples.size - 1)])
 
     def _gains(
         self, h: Hypothesis, begins: Iterable[int], look: int, stop: int | None = None
