@@ -91,7 +91,7 @@ OWN: dict[str, dict[str, float]] = {
     "screw_ripple: order 3": {"screw_ripple_cos": 2e-5, "screw_lead": 1e-3 / 3.0},
     "winding_heating: warm-up in time": {"heating_rise": 0.2, "heating_time": 10.0},
     "current_lag: of the current": {"current_lag": 1e-3, "lag_behind_limit": 1.0},
-    "contact_damping: with depth": {"contact_damping": 1e-3},
+    "contact_damping: with depth": {"contact_damping": 2e-4},
 }
 EVERY = (*HIDDEN, *OWN)
 FAST = (
