@@ -533,5 +533,5 @@ class FilterpyBank:
 def strain_of(f: Observer, b: BankArrays, j: int) -> float:
     """How far hypothesis j had to stretch constants that only it has, in prior standard deviations."""
     own: NDArray[np.bool_] = b.own[j, : f.n]
-    off = np.abs(f.x - b.entry_mean[j, : f.n]) / np.sqrt(b.entry_var[j, : f.n])
-    return float(off[own].max(initial=0.0))
+    mean, var = b.entry_mean[j, : f.n][own], b.entry_var[j, : f.n][own]
+    return float((np.abs(f.x[own] - mean) / np.sqrt(var)).max(initial=0.0))

@@ -400,7 +400,8 @@ def test_more_hypotheses_and_states_than_a_row_has_numbers(kind: str) -> None:
     log = cut(move(3, "overload"), onset(3, "overload") - 0.05, onset(3, "overload") + 0.05)
     usual = bank(RIG, SETTINGS)
     every = tuple(dict.fromkeys(state for h in usual for state in h.states))
-    rich = replace(usual[1], name="rich", states=every[:12])
+    own = tuple({s.name: s for h in usual for s in h.own}.values())
+    rich = replace(usual[1], name="rich", states=every[:12], own=own)
     hypotheses = (*usual, rich, *usual[1:3])
     got, expected = (
         made(RIG, SETTINGS, hypotheses, filter_kind=kind).advance(log)
