@@ -24,11 +24,6 @@ RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than
 # does not describe the machine, both are above, and a name would be made up.
 FITS = 1.3
 CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
-MOVES_WRONG = (
-    "overload",
-    "coupling_loss",
-    "slip",
-)  # what a healthy verdict may give way to: the mass itself says so
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
 
@@ -63,8 +58,7 @@ class LastWord:
         begins = np.searchsorted(t, (max(event.start_s, doubted - BEFORE_S), doubted + AFTER_S))
         paths = whole.paths(int(begins[0]), int(begins[1]))
         stories = [story for p in paths if self._fits(p, whole, first) for story in self._stories(p)]
-        told = [s for s in stories if event.label != NOMINAL or label_of(s.mode) in MOVES_WRONG]
-        return self._told(event, sorted(told, key=lambda s: -s.gain), whole) if told else event
+        return self._told(event, sorted(stories, key=lambda s: -s.gain), whole) if stories else event
 
     def _move(self, event: Event, bank: Bank) -> tuple[WholeMove, float] | None:
         """The move from a rest before it to its last sample under way, and when it starts [s]."""
