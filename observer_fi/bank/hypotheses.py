@@ -5,6 +5,7 @@ so that the evidence integrates over it (docs/bank.md). Two hypotheses mix only 
 state that the source does not have starts from its entry prior.
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -73,8 +74,14 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
 def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     """What a whole move is compared with: every row of `FAULTS`, at any severity."""
     plant = override(rig.model, NOMINAL, **rig.driven.plant)
-    rows = [row for row in FAULTS.values() if _wanted(row, settings)]
-    return tuple(h for row in rows for h in _hypotheses(row, row.sizes, plant, rig, settings))
+    wanted = [row for row in FAULTS.values() if _wanted(row, settings)]
+    parts = [(row, sizes) for row in wanted for sizes in itertools.product(*map(_gaussians, row.sizes))]
+    return tuple(h for row, sizes in parts for h in _hypotheses(row, sizes, plant, rig, settings))
+
+
+def _gaussians(own: OwnState) -> tuple[OwnState, ...]:
+    """The Gaussians that the prior of a fault's constant is made of."""
+    return tuple(own._replace(mean=mean) for mean in own.means) or (own,)
 
 
 def _wanted(row: FaultRow, settings: BankSettings) -> bool:

@@ -26,6 +26,7 @@ class OwnState(NamedTuple):
 
     tells: what the constant is called where it says how severe a fault is, and words: the same in a sentence, of its value.
     absolute: in its own unit and not as a share of what the rig file gives. low, high: what is believable of it.
+    means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar.
     """
 
     name: str
@@ -38,6 +39,7 @@ class OwnState(NamedTuple):
     of_friction: bool = False
     low: float = -math.inf
     high: float = math.inf
+    means: tuple[float, ...] = ()
 
 
 class Injection(NamedTuple):
@@ -211,11 +213,18 @@ FAULTS = table(
             OwnState(
                 "J_decoupled",
                 0.9,
-                0.35,
+                0.2,
                 0.0,
                 "inertia",
                 "what is left of the inertia is {:.3g} kg m^2",
                 low=0.05,
+                high=1.8,
+                means=(
+                    0.35,
+                    0.6,
+                    0.9,
+                    1.25,
+                ),  # it divides: the first samples of a free motor are far from linear in it
             ),
         ),
         live=True,

@@ -242,7 +242,7 @@ class Diagnosis:
     def _finished(self, event: Event) -> Event:
         """An event with what its whole move says, or with its onset."""
         told = self.told.get(event.start_s, event)
-        return told if told.label != event.label else self._with_onset(event)
+        return told if told.label != event.label else self._with_onset(told)
 
     def _with_onset(self, event: Event) -> Event:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]

@@ -44,13 +44,15 @@ class LastWord:
         self.hypotheses: tuple[Hypothesis, ...] = ()
 
     def needed(self, event: Event) -> bool:
-        """Whether the bank left the move without a name, or doubted a healthy one for a moment."""
-        return event.label == UNKNOWN or (event.label == NOMINAL and event.doubted_s is not None)
+        """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size."""
+        if event.label == NOMINAL:
+            return event.doubted_s is not None
+        return event.label == UNKNOWN or any(own.tells for own in FAULTS[event.label].sizes)
 
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""
         move = self._move(event, bank)
-        doubted = event.detected_s if event.label == UNKNOWN else event.doubted_s
+        doubted = event.doubted_s if event.label == NOMINAL else event.detected_s
         if move is None or doubted is None:
             return event
         whole, first = move
@@ -58,7 +60,13 @@ class LastWord:
         begins = np.searchsorted(t, (max(event.start_s, doubted - BEFORE_S), doubted + AFTER_S))
         paths = whole.paths(int(begins[0]), int(begins[1]))
         stories = [story for p in paths if self._fits(p, whole, first) for story in self._stories(p)]
-        return self._told(event, sorted(stories, key=lambda s: -s.gain), whole) if stories else event
+        if stories:
+            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
+        nothing = all(path.gain < self.settings.move_nats or _rings(path, whole, first) for path in paths)
+        named = event.label not in (NOMINAL, UNKNOWN)
+        if named and nothing and float(whole.nis.mean()) <= FITS * self._channels(whole):
+            return _healthy(event)
+        return event
 
     def _move(self, event: Event, bank: Bank) -> tuple[WholeMove, float] | None:
         """The move from a rest before it to its last sample under way, and when it starts [s]."""
@@ -77,8 +85,11 @@ class LastWord:
 
     def _fits(self, path: Path, whole: WholeMove, start_s: float) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start."""
-        ring = path.end is not None and whole.window.t[path.end] < start_s + SETTLED_S
-        if ring or path.gain < self.settings.move_nats or path.nis > FITS * self._channels(whole):
+        if (
+            _rings(path, whole, start_s)
+            or path.gain < self.settings.move_nats
+            or path.nis > FITS * self._channels(whole)
+        ):
             return False
         return self._clean(path, whole, start_s)
 
@@ -91,7 +102,7 @@ class LastWord:
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
         if all(self._believable(path, own) for own in held.values()):
-            yield Story(mode, path.gain, path)
+            yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
             return
         lost, std = _constant(path, held["E"])
@@ -101,6 +112,24 @@ class LastWord:
             yield Story("sensor:position", path.gain + _special(path, held["E"], 1.0), path)
         elif lost < -BELIEVABLE * std:
             yield Story("sensor:position", path.gain, path)
+
+    def _as_in_the_file(self, path: Path) -> float:
+        """Nats by which the sizes that the rig file gives explain the move better than any size, half of the faults having them."""
+        usual = {own.name: self.rig.spread(own.name) for own in FAULTS[path.hypothesis.label].states}
+        nats = 0.0
+        for own in path.hypothesis.own:
+            value, std = _constant(path, own)
+            if own.name not in usual or own.std is None or not usual[own.name]:
+                continue
+            given = self.rig.model[own.name] if own.absolute else 1.0
+            near = math.hypot(std, usual[own.name] * given)
+            wide = math.hypot(std, own.std)
+            nats += (
+                0.5 * ((value - own.mean) / wide) ** 2
+                - 0.5 * ((value - given) / near) ** 2
+                + math.log(wide / near)
+            )
+        return float(np.logaddexp(nats, 0.0)) - math.log(2.0)
 
     @staticmethod
     def _believable(path: Path, own: OwnState) -> bool:
@@ -124,15 +153,23 @@ class LastWord:
         best, t = stories[0], whole.window.t
         path, label = best.path, label_of(best.mode)
         posterior = _posterior(event, stories)
-        alike = tuple(k for k, p in posterior.items() if k != label and p > self.settings.alike)
-        begin = float(t[max(path.begin - 1, 0)])
         tells = [own for own in FAULTS[label].sizes if own.tells and own.name in path.hypothesis.states]
-        return event._replace(
+        told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
-            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])), isolated_s=None,
-            detected_s=event.detected_s or event.doubted_s,
-            over_s=None if path.end is None else float(t[path.end]), alike=alike,
+            over_s=None if path.end is None else float(t[path.end]),
+            alike=tuple(k for k, p in posterior.items() if k != label and p > self.settings.alike),
             severity=tuple(self._severity(path, own, whole) for own in tells),
+        )  # fmt: skip
+        if label == event.label and label != UNKNOWN:
+            return (
+                told
+                if told.alike
+                else told._replace(probability=event.probability, posterior=event.posterior)
+            )
+        begin = float(t[max(path.begin - 1, 0)])
+        return told._replace(
+            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])),
+            isolated_s=None, detected_s=event.detected_s or event.doubted_s,
             reasons=(_why(best),) if label != UNKNOWN else event.reasons,
         )  # fmt: skip
 
@@ -140,11 +177,35 @@ class LastWord:
         value, std = _constant(path, own)
         scale, unit = 1.0, "1"
         if own.of_friction:
-            scale = float(np.sign(whole.window.w_cmd[path.begin])) / self.rig.model["A"]
+            friction, doubt = self._friction(path)
+            scale = float(np.sign(whole.window.w_cmd[path.begin])) / friction
+            std = math.hypot(std, value * doubt)
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
         value, half = scale * value, Z95 * abs(scale) * std
         return Severity(own.tells, value, (value - half, value + half), unit, own.words.format(value))
+
+    def _friction(self, path: Path) -> tuple[float, float]:
+        """Friction of the healthy rig as the move has it [N m], and the relative standard deviation of that."""
+        usual, states = self.rig.model["A"], path.hypothesis.states
+        if "A" not in states:
+            return usual, self.rig.spread("A")
+        k = states.index("A")
+        factor = float(path.memory.x[k])
+        return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _rings(path: Path, whole: WholeMove, start_s: float) -> bool:
+    """Whether the path is over before the ring of a start is."""
+    return path.end is not None and bool(whole.window.t[path.end] < start_s + SETTLED_S)
+
+
+def _healthy(event: Event) -> Event:
+    """The event where nothing in the whole move is worth a fault."""
+    return event._replace(
+        label=NOMINAL, channel=None, probability=1.0, posterior={k: float(k == NOMINAL) for k in event.posterior},
+        onset_s=None, onset_interval_s=(None, None), detected_s=None, isolated_s=None, reasons=(),
+    )  # fmt: skip
 
 
 def _why(best: Story) -> str:

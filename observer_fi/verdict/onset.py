@@ -27,7 +27,7 @@ from observer_fi.bank import (
 )
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.numerics import MOST
-from observer_fi.physics import Rig
+from observer_fi.physics import INDEX, Rig
 from observer_fi.records import Array
 from observer_fi.settings import BankSettings
 
@@ -104,6 +104,9 @@ class Entry:
     """How a hypothesis is entered from another: shared states are kept, the others come from their entry prior, or from `known`.
 
     known: what `kept` remembered of states that the source does not have, nominal's friction while the coupling was lost.
+    near: what the target itself found of its fault's constants: they begin there, where its equations are linear enough, with
+    the width of their prior. `far`: nats that this is from the mean of the prior, which the first sample does not pay.
+    within_s: time within which the fault sets in, and with it a torque like friction's and a mass that stops following.
     """
 
     def __init__(
@@ -112,15 +115,29 @@ class Entry:
         target: Hypothesis,
         filters: Filters,
         known: tuple[Hypothesis, HypothesisState] | None = None,
+        near: HypothesisState | None = None,
+        within_s: float = 0.0,
     ) -> None:
+        self.within_s = within_s
         f = filters.of(target, 1, ROOM)
         n, (mean, var) = len(target.states), f.prior
         self.x, self.P, self.bias = mean[:n].copy(), np.diag(var[:n]), np.zeros(2)
         if target.failed >= 0:
             self.bias[1] = filters.settings.bias_entry**2 * f.noise[target.failed]
+        self.far = self._begin_near(target, near) if near is not None else 0.0
         if known is not None:
             self._fill(target, *known, [s for s in known[0].states if s not in source.states])
         self.to, self.at = _places(target, source, list(source.states))
+        self.jumps = target.model["A"] / target.model["J"], target.model["D"]
+        self.w, self.position = target.states.index("w"), target.states.index("x")
+
+    def _begin_near(self, target: Hypothesis, near: HypothesisState) -> float:
+        constants = [
+            k for k, s in enumerate(target.states) if s in INDEX and s in {o.name for o in target.own}
+        ]
+        far = near.x[constants] - self.x[constants]
+        self.x[constants] += far
+        return float(0.5 * (far**2 / self.P[constants, constants]).sum())
 
     def _fill(self, target: Hypothesis, kept: Hypothesis, memory: HypothesisState, states: list[str]) -> None:
         to, at = _places(target, kept, states)
@@ -132,6 +149,9 @@ class Entry:
         x, P = self.x.copy(), self.P.copy()
         x[self.to] = source.x[self.at]
         P[self.to[:, None], self.to] = source.P[self.at[:, None], self.at]
+        if self.within_s:
+            P[self.w, self.w] += (self.jumps[0] * self.within_s) ** 2 / 12.0
+            P[self.position, self.position] += (self.jumps[1] * x[self.w] * self.within_s) ** 2 / 12.0
         return source._replace(x=x, P=P, bias=self.bias)
 
 

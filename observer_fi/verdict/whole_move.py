@@ -19,10 +19,11 @@ from observer_fi.verdict.onset import ROOM, Entry, Filters
 STRIDE = 16  # samples between the memories that are kept of a filter
 CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
 TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
-LOOKS = (
-    200,
-    1600,
-)  # samples after a begin by which a fault that comes for a while shows; beside them the whole move
+LOOKS_S = (
+    0.03,
+    0.125,
+    1.0,
+)  # after a begin by which a fault that comes for a while shows; beside them the whole move
 LEFT = 32  # samples of the move that a fault must have
 KEPT = 5  # hypotheses of each look that are followed to the end
 
@@ -56,29 +57,46 @@ class WholeMove:
     ) -> None:
         self.nominal, self.faults = hypotheses[0], tuple(hypotheses[1:])
         self.window, self.n, self.filters = window, window.t.size, filters
+        self.interval = float(np.median(np.diff(window.t)))
+        self.looks = tuple(max(LEFT, round(look / self.interval)) for look in LOOKS_S)
         self.memories, density, self.nis = self._follow(self.nominal, memory, 0)
         self.until = np.concatenate(([0.0], np.cumsum(density)))
 
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
         begins = self._promising(max(first, 0), min(last, self.n - LEFT))
-        found = []
+        found: list[Path] = []
+        followed: set[tuple[str, int]] = set()
         for h, begin, look in begins:
-            best, low, high = self._refined(h, begin, look)
-            found += [path._replace(first=low, last=high) for path in self._ends(h, best)]
+            best, low, high, near = self._refined(h, begin, look)
+            if (h.name, best) in followed:
+                continue
+            followed.add((h.name, best))
+            found += [path._replace(first=low, last=high) for path in self._ends(h, best, near)]
         return sorted(found, key=lambda path: -path.gain)
 
     def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int, int]]:
-        """Hypotheses and begins that some look finds good, and that look."""
-        chosen: dict[tuple[str, int, bool], tuple[Hypothesis, int, int]] = {}
+        """Hypotheses and begins that some look finds good, and that look.
+
+        All hypotheses share one fault: each is tried where any of them found it, from constants that it has there.
+        """
+        chosen: dict[tuple[str, int, int], tuple[Hypothesis, int, int]] = {}
         if last <= first:
             return []
-        for look in (*LOOKS, self.n):
+        for look in (*self.looks, self.n):
             seen = [(*self._best_begin(h, first, last, look), h) for h in self.faults]
-            for gain, begin, h in sorted(seen, key=lambda item: -item[0])[:KEPT]:
+            there = max(seen, key=lambda item: item[0])[1]
+            seen += [(self._gain_near(h, there, look), there, h) for h in self.faults if h.own]
+            best = {h.name: (gain, begin, h) for gain, begin, h in sorted(seen, key=lambda item: item[0])}
+            for gain, begin, h in sorted(best.values(), key=lambda item: -item[0])[:KEPT]:
                 if gain > 0.0:
-                    chosen.setdefault((h.name, begin // STRIDE, look > LOOKS[0]), (h, begin, look))
+                    chosen.setdefault((h.name, begin // STRIDE, look), (h, begin, look))
         return list(chosen.values())
+
+    def _gain_near(self, h: Hypothesis, begin: int, look: int) -> float:
+        """Gain over the next `look` samples from the constants that h finds after this begin."""
+        near = self._constants(h, begin, look, None)
+        return self._gains(h, [begin], look, near=near)[begin]
 
     def _best_begin(self, h: Hypothesis, first: int, last: int, look: int) -> tuple[float, int]:
         """Gain over the next `look` samples, and the begin that has it, to a stride."""
@@ -95,28 +113,56 @@ class WholeMove:
             best = max(gains, key=lambda k: gains[k])
         return gains[best], best
 
-    def _refined(self, h: Hypothesis, begin: int, look: int) -> tuple[int, int, int]:
-        """The begin to a sample, and its central 95 %: all begins are judged up to the same sample."""
-        look = min(look, LOOKS[1])
-        for around, step in ((4 * STRIDE, 8), (8, 1)):
-            near = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
-            gains = self._gains(h, near, look, begin + around + look)
+    def _refined(self, h: Hypothesis, begin: int, look: int) -> tuple[int, int, int, HypothesisState | None]:
+        """The begin to a sample, and its central 95 %, all begins judged up to the same sample; where the fault's constants are.
+
+        Found from the first begin, the constants are where the next ones begin (an iterated filter).
+        """
+        look, near = min(look, self.looks[-1]), None
+        for around, step in ((4 * STRIDE, 8), (2 * STRIDE, 4), (8, 1)):
+            near = self._constants(h, begin, look, near)
+            samples = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
+            gains = self._gains(h, samples, look, begin + around + look, near)
             begin = max(gains, key=lambda k: gains[k])
         samples = np.array(sorted(gains))
         nats = np.array([gains[k] for k in samples.tolist()])
         share = np.cumsum(np.exp(nats - nats.max()))
         low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
-        return begin, int(samples[low]), int(samples[min(high, samples.size - 1)])
+        return begin, int(samples[low]), int(samples[min(high, samples.size - 1)]), near
+
+    def _constants(
+        self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
+    ) -> HypothesisState | None:
+        """What the fault's filter remembers `look` samples after a begin, within what is believable of its constants."""
+        if not h.own:
+            return None
+        alone = self.filters.of(h, 1, ROOM)
+        alone.begin(self._entry(h, near)(self._nominal_at(begin)))
+        alone.density(self.window, begin, min(begin + look, self.n))
+        memory = alone.memory()
+        x = memory.x.copy()
+        for own in h.own:
+            k, unit = h.states.index(own.name), own.mean if own.absolute else 1.0
+            x[k] = min(max(x[k], own.low / unit), own.high / unit)
+        return memory._replace(x=x)
 
     def _gains(
-        self, h: Hypothesis, begins: Iterable[int], look: int, stop: int | None = None
+        self,
+        h: Hypothesis,
+        begins: Iterable[int],
+        look: int,
+        stop: int | None = None,
+        near: HypothesisState | None = None,
     ) -> dict[int, float]:
         """Nats over nominal of entering h at each begin, in the `look` samples after it or up to the sample `stop`."""
-        enter = Entry(self.nominal, h, self.filters)
+        enter = self._entry(h, near)
         entered = {k: enter(self._nominal_at(k)) for k in begins}
         stops = {k: min(k + look if stop is None else stop, self.n) for k in entered}
         out = self._together(h, entered, stops)
-        return {k: v - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
+        return {k: v - enter.far - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
+
+    def _entry(self, h: Hypothesis, near: HypothesisState | None) -> Entry:
+        return Entry(self.nominal, h, self.filters, near=near, within_s=self.interval)
 
     def _nominal_at(self, k: int) -> HypothesisState:
         """What nominal remembers before sample k."""
@@ -162,31 +208,53 @@ class WholeMove:
             memories.append(alone.memory())
         return memories, np.concatenate(densities), np.nan_to_num(np.concatenate(misfits))
 
-    def _ends(self, h: Hypothesis, begin: int) -> list[Path]:
+    def _ends(self, h: Hypothesis, begin: int, near: HypothesisState | None) -> list[Path]:
         """The path that stays to the end, and the best one on which nominal comes back."""
-        before = self._nominal_at(begin)
-        memories, density, nis = self._follow(h, Entry(self.nominal, h, self.filters)(before), begin)
+        before, enter = self._nominal_at(begin), self._entry(h, near)
+        memories, density, nis = self._follow(h, enter(before), begin)
         gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
+        gained -= enter.far
         stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1], float(nis.mean()))
-        back = Entry(h, self.nominal, self.filters, (self.nominal, before))
+        back = Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
         tried: dict[int, float] = {}
+        at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
 
         def gains(ends: Iterable[int]) -> None:
-            steps = {max(1, round((end - begin) / STRIDE)) for end in ends if end < self.n - LEFT}
-            new = {begin + k * STRIDE: back(memories[k]) for k in steps if begin + k * STRIDE not in tried}
+            new = {
+                end: back(at[end])
+                for end in ends
+                if end in at and begin < end < self.n - LEFT and end not in tried
+            }
             rest = self._together(self.nominal, new, dict.fromkeys(new, self.n))
             for end, value in rest.items():
                 nominal = self.until[-1] - self.until[end]
                 tried[end] = float(gained[end - begin]) + value - nominal - 2.0 * CHANGE_NATS
 
+        def strides(ends: Iterable[int]) -> set[int]:
+            return {begin + STRIDE * max(1, round((end - begin) / STRIDE)) for end in ends}
+
         step = max(STRIDE, (self.n - begin) // TRIALS // STRIDE * STRIDE)
         soon = [begin + int(STRIDE * 2 ** (k / 2.0)) for k in range(2 * int(math.log2(max(self.n, 2))))]
-        gains([*soon, *range(begin + step, self.n, step)])
+        gains(strides([*soon, *range(begin + step, self.n, step)]))
         if not tried:
             return [stays]
         while step > STRIDE:
             step, best = max(STRIDE, step // 4 // STRIDE * STRIDE), max(tried, key=lambda k: tried[k])
-            gains(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step))
+            gains(strides(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step)))
+        best = max(tried, key=lambda k: tried[k])
+        at |= self._each(h, at, max(best - STRIDE, begin), best + STRIDE)
+        gains(range(best - STRIDE, best + STRIDE + 1))
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
-        return [stays, Path(h, begin, best, tried[best], memories[(best - begin) // STRIDE], lasted)]
+        return [stays, Path(h, begin, best, tried[best], at[best], lasted)]
+
+    def _each(
+        self, h: Hypothesis, at: dict[int, HypothesisState], first: int, last: int
+    ) -> dict[int, HypothesisState]:
+        """What the fault's filter remembers before each sample of first:last, from its memory before the first."""
+        alone, found = self.filters.of(h, 1, ROOM), {}
+        alone.begin(at[first])
+        for k in range(first, min(last, self.n - 1)):
+            alone.density(self.window, k, k + 1)
+            found[k + 1] = alone.memory()
+        return found

@@ -4,7 +4,16 @@ from .answers import Size, right_size
 from .cases import SEVERITY_KINDS, draw_effect_case, draw_effects_case, draw_move_case, draw_severity_case
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
 from .faults import NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
-from .profiles import Move, Profile, campaign, contact_campaign, rich_campaign, single_move, there_and_back
+from .profiles import (
+    SHAPES,
+    Move,
+    Profile,
+    campaign,
+    contact_campaign,
+    rich_campaign,
+    single_move,
+    there_and_back,
+)
 from .rig import TABLE_1, Rig, draw_rest_integral, draw_rig
 from .sensors import Logger
 from .truth import TruthSpec, make_log, true_motion, without_noise, write_log
@@ -14,8 +23,9 @@ __all__ = [
     "CAUSES",
     "NO_FAULT",
     "OUTSIDE",
-    "SEVERITY_KINDS",
     "SENSOR_SIZES",
+    "SEVERITY_KINDS",
+    "SHAPES",
     "TABLE_1",
     "UNKNOWN_SIZES",
     "Effect",

@@ -6,7 +6,7 @@ import numpy as np
 
 from .effects import ALL, sized_effect
 from .faults import CHANNELS, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
-from .profiles import Profile, campaign, contact_campaign, rich_campaign, single_move
+from .profiles import Profile, campaign, contact_campaign, rich_campaign, shaped_move, single_move
 from .rig import TABLE_1, draw_rest_integral, draw_rig
 from .truth import TruthSpec
 
@@ -99,10 +99,11 @@ SEVERITY_KINDS = (
 )
 
 
-def draw_severity_case(seed: int, kind: str, profile: Profile | None = None) -> TruthSpec:
+def draw_severity_case(seed: int, kind: str, shape: str = "") -> TruthSpec:
     """One move with a fault of any size. kind: of SEVERITY_KINDS, or "nominal".
 
     Rig and move as in `draw_move_case`; the fault begins while the motor runs, and has at least 0.4 s of the move left.
+    shape: of the command, of `SHAPES`; a trapezoid where there is none.
     """
     rng = np.random.default_rng([seed, 7])
     rig = draw_rig(rng)
@@ -114,17 +115,15 @@ def draw_severity_case(seed: int, kind: str, profile: Profile | None = None) -> 
         J_loose=rig.J * rng.uniform(*SEVERITIES["inertia"]),
     )
     pitch = rng.uniform(-12.0, 12.0)
-    drawn = single_move(
-        speed=rng.choice([-1.0, 1.0]) * rng.uniform(205.0, 410.0),
-        hold_s=rng.uniform(2.5, 5.0),
-        pitch_deg=pitch,
-        pitch_wave_deg=rng.uniform(0.0, 0.4),
-        pitch_wave_phase=rng.uniform(0.0, 2 * np.pi),
-    )
-    move = drawn.moves[0]
-    onset = move.start_s + rng.uniform(0.3, move.hold_s - 0.4)
+    speed, length = rng.choice([-1.0, 1.0]) * rng.uniform(205.0, 410.0), rng.uniform(2.5, 5.0)
+    wave, phase = rng.uniform(0.0, 0.4), rng.uniform(0.0, 2 * np.pi)
+    pitched = {"pitch_deg": pitch, "pitch_wave_deg": wave, "pitch_wave_phase": phase}
+    plain = single_move(speed=speed, hold_s=length, **pitched)
+    onset = plain.moves[0].start_s + rng.uniform(0.3, length - 0.4)
     fault = _sized_fault(rng, kind, onset)
-    return TruthSpec(profile or drawn, rig, fault, start_integral_rad=draw_rest_integral(rng, rig, pitch))
+    start = draw_rest_integral(rng, rig, pitch)
+    profile = shaped_move(shape, speed, length, rng, **pitched) if shape else plain
+    return TruthSpec(profile, rig, fault, start_integral_rad=start)
 
 
 def _sized_fault(rng: np.random.Generator, kind: str, onset: float) -> Fault:

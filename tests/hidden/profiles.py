@@ -1,6 +1,6 @@
 """Commanded moves and vehicle pitch against time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,11 @@ class Move:
 
 @dataclass(frozen=True)
 class Profile:
-    """Moves, and a pitch [deg] of steps plus a slow sine. Before its first step it is that step."""
+    """Moves, and a pitch [deg] of steps plus a slow sine. Before its first step it is that step.
+
+    curve: the commanded speed as times [s] and speeds [rad/s], linear between them, in place of trapezoids; `moves` then
+    only says where it moves.
+    """
 
     moves: tuple[Move, ...]
     duration_s: float
@@ -30,10 +34,13 @@ class Profile:
     pitch_wave_deg: float = 0.0
     pitch_wave_hz: float = 0.1
     pitch_wave_phase: float = 0.0
+    curve: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
 
 def command_at(profile: Profile, accel: float, times):
-    """Trapezoid of section 2.2 [rad/s] at `times` [s], continuous in time, ramps of `accel` [rad/s^2]."""
+    """Trapezoid of section 2.2 [rad/s] at `times` [s], continuous in time, ramps of `accel` [rad/s^2]; or the curve."""
+    if profile.curve is not None:
+        return np.interp(times, *profile.curve)
     knots, speeds = [-1.0], [0.0]
     for move in profile.moves:
         ramp = abs(move.speed) / accel
@@ -103,3 +110,67 @@ def contact_campaign(pitch_deg: float = 0.0) -> Profile:
     """
     speeds, holds = (410.0, -410.0, 200.0), (4.0, 4.0, 6.0)
     return there_and_back(speeds, holds, (pitch_deg,) * 3)
+
+
+FIRST_S, SHAPES = 0.3, (
+    "short", "creeping", "slow", "soft_ramps", "s_curve", "sine", "staircase", "without_rests", "uneven",
+)  # fmt: skip
+
+
+def shaped_move(
+    shape: str, speed: float, length_s: float, rng: np.random.Generator, **pitch: float
+) -> Profile:
+    """A move after `FIRST_S` of rest whose command has another shape than a trapezoid, and half a second of rest after it.
+
+    shape: of `SHAPES`. speed: the highest [rad/s], signed. length_s: about how long it lasts; short ones last a fifth of it.
+    pitch: as in `single_move`.
+    """
+    times, speeds = _SHAPED[shape](speed, length_s, rng)
+    ends = times[-1]
+    plain = single_move(speed, ends, rest_before_s=FIRST_S, **pitch)
+    knots = (0.0, *(FIRST_S + times)), (0.0, *speeds)
+    return replace(plain, curve=(tuple(map(float, knots[0])), tuple(map(float, knots[1]))))
+
+
+def _ramped(levels, length_s, ramp_s):
+    """Levels one after another, equally long, with ramps of ramp_s between them, from rest to rest."""
+    each = length_s / len(levels)
+    times, speeds, last = [0.0], [0.0], 0.0
+    for k, level in enumerate((*levels, 0.0)):
+        times += [k * each + 1e-6, k * each + ramp_s]
+        speeds += [last, level]
+        last = level
+    return np.array(times), np.array(speeds)
+
+
+def _smooth(function, length_s):
+    at = np.arange(0.0, length_s, 5e-4)
+    return np.append(at, length_s), np.append(function(at / length_s), 0.0)
+
+
+def _s_curve(speed, length_s, rng):
+    share = rng.uniform(0.1, 0.4)
+
+    def at(u):
+        rise = np.clip(np.minimum(u, 1.0 - u) / share, 0.0, 1.0)
+        return speed * rise**2 * (3.0 - 2.0 * rise)
+
+    return _smooth(at, length_s)
+
+
+_QUICK_S = 0.007
+_SHAPED = {
+    "short": lambda v, s, rng: _ramped([v], 0.2 * s, _QUICK_S),
+    "creeping": lambda v, s, rng: _ramped([0.03 * v], s, _QUICK_S),
+    "slow": lambda v, s, rng: _ramped([0.15 * v], s, _QUICK_S),
+    "soft_ramps": lambda v, s, rng: _ramped([v], s, rng.uniform(0.2, 0.8)),
+    "s_curve": _s_curve,
+    "sine": lambda v, s, rng: _smooth(
+        lambda u: v * np.sin(2.0 * np.pi * round(2.0 + 4.0 * float(rng.uniform())) * u), s
+    ),
+    "staircase": lambda v, s, rng: _ramped([v * k / 5.0 for k in (1, 2, 3, 4, 5, 3, 1)], s, _QUICK_S),
+    "without_rests": lambda v, s, rng: _ramped([v, -v, v, -v], s, 2.0 * _QUICK_S),
+    "uneven": lambda v, s, rng: _ramped(
+        [v * float(rng.uniform(0.2, 1.0)) for _ in range(6)], s, rng.uniform(0.01, 0.1)
+    ),
+}
