@@ -168,7 +168,7 @@ def summary(frame: pd.DataFrame, first: int) -> str:
     return "\n".join((
         "# Faults of any size", "",
         "Made by `pipelines/severity_study.py` from the independent truth of tests/hidden with the paper's spread of rigs,",
-        f"seeds from {first} on. Clear: the channels are at least {CLEAR_NATS:g} nats from those of the same move without the fault.",
+        f"seeds from {first} on. Clear: the channels are {CLEAR_NATS:g} nats or more from those without the fault.",
         "Right: the label, or one that the verdict declares alike. Sizes: those that the verdict tells of a fault that it named.",
         "", "## By kind", "", markdown(table(faults, "kind")), "",
         f"For a while, begin and end both within 20 ms: {_percent(both[lasted['named']])} of {int(lasted['named'].sum())} named.",

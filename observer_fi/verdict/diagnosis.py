@@ -33,6 +33,7 @@ from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, for_readings, untested
 
+ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 MIXTURE_POINTS = 2000
 
@@ -242,7 +243,10 @@ class Diagnosis:
     def _finished(self, event: Event) -> Event:
         """An event with what its whole move says, or with its onset."""
         told = self.told.get(event.start_s, event)
-        return told if told.label != event.label else self._with_onset(told)
+        found = self._with_onset(event)
+        if told is event or (told.label == event.label and _agree(told.onset_s, found.onset_s)):
+            return told._replace(onset_s=found.onset_s, onset_interval_s=found.onset_interval_s)
+        return told
 
     def _with_onset(self, event: Event) -> Event:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
@@ -277,6 +281,11 @@ class Diagnosis:
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
         )  # fmt: skip
+
+
+def _agree(whole: float | None, bank: float | None) -> bool:
+    """Whether the whole move sees the onset where the bank does, whose interval is then the finer one."""
+    return whole is None or (bank is not None and abs(whole - bank) <= ONSETS_AGREE_S)
 
 
 class Zoom:

@@ -16,6 +16,7 @@ from observer_fi.bank import usual_step
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
 from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
+from observer_fi.verdict.drift import Drift
 from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
@@ -82,9 +83,11 @@ class EventTracker:
         start_s: float,
         settings: DecisionSettings,
         channels: "Measured | None" = None,
+        drift: Drift | None = None,
     ) -> None:
         self.modes = modes
         self.settings = settings
+        self.drift = drift
         self.start_s = self.end_s = start_s
         self.certain: dict[int, Run] = {}
         self.latched: dict[int, Run] = {}
@@ -124,6 +127,9 @@ class EventTracker:
             else ()
         )
         self._misfit(e, p, window)
+        if self.drift is not None and window:
+            ours = np.where((p.argmax(axis=1) == 0)[:, None], e.normalised, 0.0)
+            self.drift.add(e.t, ours, self.settings.window_s / window)
         nominal = p[:, 0] >= 0.5
         certain = p > self.settings.isolated
         for j in {*self.certain, *np.flatnonzero(certain.any(axis=0)).tolist()}:
@@ -299,8 +305,13 @@ class EventTracker:
         return Event(
             label_of(mode), channel_of(mode), posterior[label_of(mode)], None, (None, None),
             run.detected if fault and run else None, run.since if run else None, self.start_s, self.end_s, posterior, reasons,
-            doubted_s=self.first_doubt,
+            doubted_s=self._first_doubt(),
         )  # fmt: skip
+
+    def _first_doubt(self) -> float | None:
+        """When nominal was first doubted: by another hypothesis for a moment, or by innovations that stay on one side."""
+        doubts = [s for s in (self.first_doubt, self.drift.since if self.drift else None) if s is not None]
+        return min(doubts, default=None)
 
 
 def _rows(e: Estimate, rows: slice | Mask) -> Estimate:
@@ -338,7 +349,8 @@ class Isolator:
         for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if k > 0:
                 self._finish()
-                self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels)
+                drift = None if self.fit is None else Drift()
+                self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels, drift)
             if self.current is not None and b > a:
                 self.current.add(_rows(e, slice(a, b)), self.window)
                 yield self.current

@@ -17,7 +17,8 @@ from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.whole_move import Path, WholeMove
 
-BEFORE_S, AFTER_S = 3.0, 0.05  # of the bank's first doubt: where a fault may have begun
+# Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
+BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
 SETTLED_S = 0.15  # a fault that begins and ends within the ring of a start is the ring
 RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
@@ -52,19 +53,23 @@ class LastWord:
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""
         move = self._move(event, bank)
-        doubted = event.doubted_s if event.label == NOMINAL else event.detected_s
+        doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
         if move is None or doubted is None:
             return event
         whole, first = move
-        t = whole.window.t
-        begins = np.searchsorted(t, (max(event.start_s, doubted - BEFORE_S), doubted + AFTER_S))
-        paths = whole.paths(int(begins[0]), int(begins[1]))
-        stories = [story for p in paths if self._fits(p, whole, first) for story in self._stories(p)]
+        for before in BEFORE_S:
+            since = max(event.start_s, doubted - before)
+            begins = np.searchsorted(whole.window.t, (since, doubted + AFTER_S))
+            paths = whole.paths(int(begins[0]), int(begins[1]))
+            stories = [story for p in paths if self._fits(p, whole, first) for story in self._stories(p)]
+            best = max((path.begin for path in paths[:1]), default=0)
+            if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
+                break
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
         nothing = all(path.gain < self.settings.move_nats or _rings(path, whole, first) for path in paths)
         named = event.label not in (NOMINAL, UNKNOWN)
-        if named and nothing and float(whole.nis.mean()) <= FITS * self._channels(whole):
+        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected:
             return _healthy(event)
         return event
 
@@ -88,7 +93,7 @@ class LastWord:
         if (
             _rings(path, whole, start_s)
             or path.gain < self.settings.move_nats
-            or path.nis > FITS * self._channels(whole)
+            or path.nis > FITS * whole.expected
         ):
             return False
         return self._clean(path, whole, start_s)
@@ -114,7 +119,7 @@ class LastWord:
             yield Story("sensor:position", path.gain, path)
 
     def _as_in_the_file(self, path: Path) -> float:
-        """Nats by which the sizes that the rig file gives explain the move better than any size, half of the faults having them."""
+        """Nats by which the sizes that the rig file gives explain the move better, half of all faults having them."""
         usual = {own.name: self.rig.spread(own.name) for own in FAULTS[path.hypothesis.label].states}
         nats = 0.0
         for own in path.hypothesis.own:
@@ -141,12 +146,7 @@ class LastWord:
         first = int(np.searchsorted(whole.window.t, start_s))
         before = whole.nis[first : path.begin]
         enough = before.size > 0 and whole.window.t[path.begin] - start_s >= CLEAN_S
-        return enough and float(before.mean()) <= FITS * self._channels(whole)
-
-    @staticmethod
-    def _channels(whole: WholeMove) -> float:
-        """Readings of a sample, on average: what the NIS is expected to be."""
-        return float(np.isfinite(whole.window.z).sum(axis=1).mean())
+        return enough and float(before.mean()) <= FITS * whole.expected
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""
@@ -160,15 +160,17 @@ class LastWord:
             alike=tuple(k for k, p in posterior.items() if k != label and p > self.settings.alike),
             severity=tuple(self._severity(path, own, whole) for own in tells),
         )  # fmt: skip
+        begin = float(t[max(path.begin - 1, 0)])
+        told = told._replace(
+            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last]))
+        )
         if label == event.label and label != UNKNOWN:
             return (
                 told
                 if told.alike
                 else told._replace(probability=event.probability, posterior=event.posterior)
             )
-        begin = float(t[max(path.begin - 1, 0)])
         return told._replace(
-            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])),
             isolated_s=None, detected_s=event.detected_s or event.doubted_s,
             reasons=(_why(best),) if label != UNKNOWN else event.reasons,
         )  # fmt: skip

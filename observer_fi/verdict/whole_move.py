@@ -25,6 +25,10 @@ LOOKS_S = (
     1.0,
 )  # after a begin by which a fault that comes for a while shows; beside them the whole move
 LEFT = 32  # samples of the move that a fault must have
+WELL, HOPELESS = (
+    1.2,
+    0.7,
+)  # a path fits below this times the expected NIS; a begin is not followed below this share of the best
 KEPT = 5  # hypotheses of each look that are followed to the end
 
 
@@ -46,6 +50,17 @@ class Path(NamedTuple):
     last: int = 0
 
 
+class Begin(NamedTuple):
+    """A hypothesis with its begin, the samples that hold it with 95 %, what it found of its constants, and its gain [nats]."""
+
+    hypothesis: Hypothesis
+    begin: int
+    first: int
+    last: int
+    near: HypothesisState | None
+    gain: float
+
+
 class WholeMove:
     """A move as samples from the rest before it to its last one under way.
 
@@ -64,34 +79,39 @@ class WholeMove:
 
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
-        begins = self._promising(max(first, 0), min(last, self.n - LEFT))
+        first, last = max(first, 0), min(last, self.n - LEFT)
         found: list[Path] = []
-        followed: set[tuple[str, int]] = set()
-        for h, begin, look in begins:
-            best, low, high, near = self._refined(h, begin, look)
-            if (h.name, best) in followed:
-                continue
-            followed.add((h.name, best))
-            found += [path._replace(first=low, last=high) for path in self._ends(h, best, near)]
+        if last <= first:
+            return found
+        for look in (self.n, *reversed(self.looks)):
+            good = {(p.hypothesis.name, p.begin // STRIDE) for p in found if p.nis < WELL * self.expected}
+            begins = [
+                self._refined(h, k, look)
+                for h, k in self._promising(first, last, look)
+                if not _near(h, k, good)
+            ]
+            best = max((b.gain for b in begins), default=0.0)
+            for b in begins:
+                if b.gain >= HOPELESS * best and (b.hypothesis.name, b.begin // STRIDE) not in good:
+                    found += [path._replace(first=b.first, last=b.last) for path in self._ends(b)]
         return sorted(found, key=lambda path: -path.gain)
 
-    def _promising(self, first: int, last: int) -> list[tuple[Hypothesis, int, int]]:
-        """Hypotheses and begins that some look finds good, and that look.
+    @property
+    def expected(self) -> float:
+        """Readings of a sample, on average: what the NIS is expected to be."""
+        return float(np.isfinite(self.window.z).sum(axis=1).mean())
+
+    def _promising(self, first: int, last: int, look: int) -> list[tuple[Hypothesis, int]]:
+        """Hypotheses and begins that are good over the next `look` samples.
 
         All hypotheses share one fault: each is tried where any of them found it, from constants that it has there.
         """
-        chosen: dict[tuple[str, int, int], tuple[Hypothesis, int, int]] = {}
-        if last <= first:
-            return []
-        for look in (*self.looks, self.n):
-            seen = [(*self._best_begin(h, first, last, look), h) for h in self.faults]
-            there = max(seen, key=lambda item: item[0])[1]
-            seen += [(self._gain_near(h, there, look), there, h) for h in self.faults if h.own]
-            best = {h.name: (gain, begin, h) for gain, begin, h in sorted(seen, key=lambda item: item[0])}
-            for gain, begin, h in sorted(best.values(), key=lambda item: -item[0])[:KEPT]:
-                if gain > 0.0:
-                    chosen.setdefault((h.name, begin // STRIDE, look), (h, begin, look))
-        return list(chosen.values())
+        seen = [(*self._best_begin(h, first, last, look), h) for h in self.faults]
+        there = max(seen, key=lambda item: item[0])[1]
+        seen += [(self._gain_near(h, there, look), there, h) for h in self.faults if h.own]
+        best = {h.name: (gain, begin, h) for gain, begin, h in sorted(seen, key=lambda item: item[0])}
+        kept = sorted(best.values(), key=lambda item: -item[0])[:KEPT]
+        return [(h, begin) for gain, begin, h in kept if gain > 0.0]
 
     def _gain_near(self, h: Hypothesis, begin: int, look: int) -> float:
         """Gain over the next `look` samples from the constants that h finds after this begin."""
@@ -113,22 +133,23 @@ class WholeMove:
             best = max(gains, key=lambda k: gains[k])
         return gains[best], best
 
-    def _refined(self, h: Hypothesis, begin: int, look: int) -> tuple[int, int, int, HypothesisState | None]:
-        """The begin to a sample, and its central 95 %, all begins judged up to the same sample; where the fault's constants are.
+    def _refined(self, h: Hypothesis, begin: int, look: int) -> Begin:
+        """The begin to a sample, all begins judged up to the same sample.
 
         Found from the first begin, the constants are where the next ones begin (an iterated filter).
         """
         look, near = min(look, self.looks[-1]), None
         for around, step in ((4 * STRIDE, 8), (2 * STRIDE, 4), (8, 1)):
             near = self._constants(h, begin, look, near)
-            samples = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
-            gains = self._gains(h, samples, look, begin + around + look, near)
+            tried = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
+            gains = self._gains(h, tried, look, begin + around + look, near)
             begin = max(gains, key=lambda k: gains[k])
         samples = np.array(sorted(gains))
         nats = np.array([gains[k] for k in samples.tolist()])
         share = np.cumsum(np.exp(nats - nats.max()))
         low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
-        return begin, int(samples[low]), int(samples[min(high, samples.size - 1)]), near
+        last = int(samples[min(high, samples.size - 1)])
+        return Begin(h, begin, int(samples[low]), last, near, gains[begin])
 
     def _constants(
         self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
@@ -208,8 +229,9 @@ class WholeMove:
             memories.append(alone.memory())
         return memories, np.concatenate(densities), np.nan_to_num(np.concatenate(misfits))
 
-    def _ends(self, h: Hypothesis, begin: int, near: HypothesisState | None) -> list[Path]:
+    def _ends(self, found: Begin) -> list[Path]:
         """The path that stays to the end, and the best one on which nominal comes back."""
+        h, begin, near = found.hypothesis, found.begin, found.near
         before, enter = self._nominal_at(begin), self._entry(h, near)
         memories, density, nis = self._follow(h, enter(before), begin)
         gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
@@ -258,3 +280,8 @@ class WholeMove:
             alone.density(self.window, k, k + 1)
             found[k + 1] = alone.memory()
         return found
+
+
+def _near(h: Hypothesis, begin: int, known: set[tuple[str, int]]) -> bool:
+    """Whether a hypothesis is known to begin within a stride of there."""
+    return any((h.name, begin // STRIDE + k) in known for k in (-1, 0, 1))
