@@ -306,7 +306,7 @@ def simulate(
 def run(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
-    """States (N, 12) with the columns of `simulate.run`, and readings (N, 3)."""
+    """States (N, COLUMNS) with the columns of `simulate.run`, and readings (N, 3)."""
     p = model.vector
     now, late = commands(experiment, p) if ready is None else ready
     states = np.empty((experiment.t.size, s.COLUMNS))
