@@ -185,20 +185,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One named cause that was accepted (contract section 4)."""
-
-    cause: str
-    equation: str
-    parameters: tuple[Parameter, ...]
-    delta_bic: float
-    heldout_nll_drop_per_sample: float
-    heldout_rmse_ratio: dict[str, float]
-    indistinguishable_from: tuple[str, ...]
-    separate_by: str
-
-
-@dataclass(frozen=True)
 class Traces:
     """What is drawn: the whole log decimated with its extremes kept, or every sample around an onset (k points).
 

@@ -7,10 +7,11 @@ import numpy as np
 
 from observer_fi.learn.move_data import prepare, select, simulate
 from observer_fi.logs.ingest import log_from_frame
-from observer_fi.physics.rigs import Rig, load_rig
+from observer_fi.physics.rigs import Rig, load_rig, with_values
 from observer_fi.records import Log
 
 RIG = load_rig()
+LOOP = {"Kx": 40.0, "x_window": 4e-7}  # of a position loop around the servo
 NOISE = np.array([1e-2, 3e-4, 1e-5])
 
 
@@ -47,3 +48,15 @@ def campaign(
 
 def log_of(profile: hidden.Profile, rig: hidden.Rig = hidden.TABLE_1, seed: int = 1, **spec: object) -> Log:
     return log_from_frame(hidden.make_log(hidden.TruthSpec(profile, rig, **spec), seed)[0])
+
+
+def behind_a_loop(rig: Rig = RIG) -> Rig:
+    """The rig with a position loop around its servo."""
+    kept = {name: q for name, q in rig.quantities.items() if name != "accel_cmd"}
+    return with_values(replace(rig, drive="position_servo", quantities=kept), LOOP)
+
+
+def loop_log(profile: hidden.Profile, rig: hidden.Rig = hidden.TABLE_1, seed: int = 1, **spec: object) -> Log:
+    """As `log_of`, behind a position loop."""
+    logger = hidden.Logger(log_encoder=True, encoder_edges=4096)
+    return log_of(profile, rig, seed, Kx=LOOP["Kx"], window_m=LOOP["x_window"], logger=logger, **spec)

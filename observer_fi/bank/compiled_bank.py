@@ -303,14 +303,7 @@ class Bank:
 
     def start(self, z0: Array, command0: float) -> BankState:
         """The memory before the first sample (see `beginning.start`)."""
-        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0))
-
-    def moments(self) -> list[tuple[Array, Array]]:
-        """Mean (n,) and covariance (n, n) of each hypothesis after the last sample, SI units; none before the first."""
-        if self.state is None:
-            return []
-        memories = [state_of(self.state, j, at) for j, at in enumerate(self.seats)]
-        return [(memory.x, memory.P) for memory in memories]
+        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0, self.rig.driven))
 
     def memory(self) -> "Bank":
         """This bank as an onset sees it now, whatever `advance` does later."""

@@ -40,9 +40,9 @@ def _step_mean(b, r, from_x, dt, now, interval, row, last, theta):
         torque = tr.state_or(from_x, b.at, r.has, tr.AT_TORQUE, 0.0)
         rate = tr.state_or(from_x, b.at, r.has, tr.AT_RATE, 0.0)
     c, doubt = tr.carried_in(r.slow), zeros_like(w)
-    m = plant.Motion(w, I, pos, d, c.phi, c.c)
+    m = plant.Motion(w, I, pos, d, c.inner)
     by_w, by_I, by_x, x_by_w, i, di_dV, load, per_J = linear.motion_slopes(
-        m, tr.slow_of(c), interval[row, 0], theta, plant.Free(torque, rate), p
+        m, c.slow, interval[row, 0], theta, plant.Free(torque, rate), p
     )
     if n > 3:
         tr.constant_slopes(from_x, b.at, r.has, w, d, i, di_dV, load, per_J, theta, p, r.parameters, r.g)

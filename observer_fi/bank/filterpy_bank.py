@@ -250,9 +250,9 @@ class Ekf(Observer, ExtendedKalmanFilter):
         tr.load_parameters(x, self.at, self.has, self.base, p)
         d, torque = (tr.state_or(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
         c = tr.carried_in(self.slow)
-        m = plant.Motion(x[0], x[1], x[2], d, c.phi, c.c)
+        m = plant.Motion(x[0], x[1], x[2], d, c.inner)
         g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(
-            m, tr.slow_of(c), u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
+            m, c.slow, u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
         )
         tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
         return g
@@ -521,7 +521,9 @@ class FilterpyBank:
 
     def _begin(self, log: Log, command0: float) -> LogIMM:
         for f, first in zip(
-            self.filters, start(self.hypotheses, self.arrays, first_readings(log.z), command0), strict=True
+            self.filters,
+            start(self.hypotheses, self.arrays, first_readings(log.z), command0, self.rig.driven),
+            strict=True,
         ):
             f.x, f.P, f.slow, f.bias = first.x, first.P, first.slow, first.bias
         log_mu = np.full(len(self.filters), np.log(UNLIKELY))

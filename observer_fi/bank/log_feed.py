@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.numerics import inlined, uncounted
-from observer_fi.physics import Model
+from observer_fi.physics import Model, corner
 from observer_fi.records import Array, Log
 
 SETTLING = 8  # first samples that tell the sampling interval
@@ -43,8 +43,7 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
     """Command at the samples, out_w (n,), and at the half-steps of the interval before each, out (n, 2 m) rad/s.
 
     t (n,) s; w_cmd (n,) rad/s; accel: commanded acceleration, limit: what the servo can follow [rad/s^2]; delay [s].
-    knots (k, 2) times and values, memory (5,): the past, updated in place. Between two samples whose difference is less
-    than accel allows, the ramp ends early where the interval before was a ramp, and starts late where it was not.
+    knots (k, 2) times and values, memory (5,): the past, updated in place.
     Middles are set so that Simpson's rule over the step gives the exact integral of the piecewise linear command.
     """
     steps = out.shape[1] // 2
@@ -61,13 +60,9 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
             first, count = _remember(knots, first, count, t[row], w)
             continue
         w = was + min(max(w - was, -limit * dt), limit * dt)
-        dw = w - was
-        ramp = abs(dw) / accel
-        if abs(dw) > 1e-9 * accel * dt and ramp < 0.999 * dt:
-            if abs(slope) > 0.5 * accel:
-                first, count = _remember(knots, first, count, before + ramp, w)
-            else:
-                first, count = _remember(knots, first, count, t[row] - ramp, was)
+        at, value = corner(before, was, t[row], w, slope, accel)
+        if at == at:
+            first, count = _remember(knots, first, count, at, value)
         first, count = _remember(knots, first, count, t[row], w)
         left = before - delay
         last = count - 1
@@ -88,7 +83,7 @@ def follow(t, w_cmd, accel, limit, delay, knots, memory, out_w, out):
             out[row, 2 * m + 1] = 0.25 * (6.0 * area / (right - left) - w_left - w_right)
             left, w_left = right, w_right
         out_w[row] = w_left
-        before, was, slope = t[row], w, dw / dt
+        before, was, slope = t[row], w, (w - was) / dt
     memory[LAST_T], memory[LAST_W], memory[SLOPE] = before, was, slope
     memory[FIRST], memory[COUNT] = first, count
 

@@ -32,15 +32,12 @@ SIXTH = 1.0 / 6.0
 class Carried(NamedTuple):
     """What the mean carries besides the states that a hypothesis estimates.
 
-    phi, c, h, sag, drift: see `plant.py`. low, high: least and most that the screw may be ahead of the mass in the play [m].
+    inner, slow: see `plant.py`. low, high: least and most that the screw may be ahead of the mass in the play [m].
     trail: how far the position sensor's lag is behind [m]; late_x [m], late_V [V]: what has not come through the delays.
     """
 
-    phi: Array
-    c: Array
-    h: Array
-    sag: Array
-    drift: Array
+    inner: plant.Inner
+    slow: plant.Slow
     low: Array
     high: Array
     trail: Array
@@ -48,9 +45,10 @@ class Carried(NamedTuple):
     late_V: Array
 
 
-SLOW = len(Carried._fields)
-PHI, LAGGED, LOW, HIGH, LATE_X, LATE_V = (
-    Carried._fields.index(name) for name in ("phi", "c", "low", "high", "late_x", "late_V")
+_NAMES = (*plant.Inner._fields, *plant.Slow._fields, *Carried._fields[2:])  # as an array has them
+SLOW = len(_NAMES)
+PHI, LAGGED, LOW, HIGH, TRAIL, LATE_X, LATE_V = (
+    _NAMES.index(name) for name in ("phi", "c", "low", "high", "trail", "late_x", "late_V")
 )
 CELLS = 32  # a delay is told in as many parts
 
@@ -123,20 +121,17 @@ def load_parameters(x, at, has, base, p):
 @inlined
 def carried_in(slow):
     """`Carried` of an array (SLOW or more,)."""
-    return Carried(slow[0], slow[1], slow[2], slow[3], slow[4], slow[5], slow[6], slow[7], slow[8], slow[9])
+    inner, rest = plant.inner_in(slow, 0), plant.slow_in(slow, plant.INNER)
+    return Carried(inner, rest, slow[LOW], slow[HIGH], slow[TRAIL], slow[LATE_X], slow[LATE_V])
 
 
 @inlined
 def carry_into(slow, c):
     """`Carried` into an array (SLOW or more,)."""
-    slow[0], slow[1], slow[2], slow[3], slow[4] = c.phi, c.c, c.h, c.sag, c.drift
-    slow[5], slow[6], slow[7], slow[8], slow[9] = c.low, c.high, c.trail, c.late_x, c.late_V
-
-
-@inlined
-def slow_of(c):
-    """The slow states of the plant in `Carried`."""
-    return plant.Slow(c.h, c.sag, c.drift)
+    plant.inner_into(slow, 0, c.inner)
+    plant.slow_into(slow, plant.INNER, c.slow)
+    slow[LOW], slow[HIGH], slow[TRAIL] = c.low, c.high, c.trail
+    slow[LATE_X], slow[LATE_V] = c.late_x, c.late_V
 
 
 @inlined
@@ -148,7 +143,7 @@ def advance(w, I, pos, d, torque, rate, c, t, now, interval, row, last, theta, p
     half-steps in its row `row`, `last` at the end [rad/s]. now: time at the end on the log's clock [s].
     """
     steps, rests, grip = interval.shape[1] // 2, zeros_like(w), 1.0 + zeros_like(w)
-    m, slow, free = plant.Motion(w, I, pos, d, c.phi, c.c), slow_of(c), plant.Free(torque, rate)
+    m, slow, free = plant.Motion(w, I, pos, d, c.inner), c.slow, plant.Free(torque, rate)
     step = t * (1.0 / steps)
     for k in range(steps):
         first, middle = interval[row, 2 * k], interval[row, 2 * k + 1]
@@ -157,10 +152,10 @@ def advance(w, I, pos, d, torque, rate, c, t, now, interval, row, last, theta, p
         u = plant.Command(first, mean, end, first, mean, end)
         m, rests = plant.step(plant.midpoint, m, slow, step, u, theta, free, p)
         if any_of_rare(p[a.EXTENDED]):
-            i = plant.motor_current(m.w, m.I, m.c, slow, end, zeros_like(w), 0.0, p)
+            i = plant.motor_current(m.w, m.I, m.inner.c, slow, end, zeros_like(w), 0.0, p)
             slow = plant.settled(slow, i, step, now, p)
     x, d1 = m.x, m.d
-    c = Carried(m.phi, m.c, slow.h, slow.sag, slow.drift, c.low, c.high, c.trail, c.late_x, c.late_V)
+    c = Carried(m.inner, slow, c.low, c.high, c.trail, c.late_x, c.late_V)
     if any_of_rare(p[a.EXTENDED]):
         c, x, grip = _behind_play(c, pos, x, t, p)
         d1 = d + grip * (d1 - d)
@@ -183,7 +178,7 @@ def _behind_play(c, before, screw, t, p):
     if any_of_rare(p[a.POSITION_LAG]):
         lag = p[a.POSITION_LAG]
         trail = where_above(lag, 0.0, plant.lag_behind(trail, moved, t, where_above(lag, 0.0, lag, 1.0)), 0.0)
-    after = Carried(c.phi, c.c, c.h, c.sag, c.drift, low, high, trail, c.late_x, c.late_V)
+    after = Carried(c.inner, c.slow, low, high, trail, c.late_x, c.late_V)
     return after, before + moved, grip
 
 
@@ -257,7 +252,7 @@ def readings(w, I, pos, c, w_cmd, p, supply):
     A sensor's lag or delay is what of the mean's own motion has not come through yet; the state's error has, long ago.
     """
     (V, V_w, V_I, V_v), (i, i_w, i_I, i_v) = linear.electrical_readings(
-        w, I, c.c, slow_of(c), w_cmd, p, supply
+        w, I, c.inner.c, c.slow, w_cmd, p, supply
     )
     seen = pos
     if any_of_rare(p[a.EXTENDED]):
@@ -284,7 +279,7 @@ def delay_readings(slow, delays, before, after, before_cmd, after_cmd, now, t, p
 @inlined
 def _voltage(mean, w_cmd, p):
     w, I, _, c = mean
-    V, _ = linear.electrical_readings(w, I, c.c, slow_of(c), w_cmd, p, 1.0)
+    V, _ = linear.electrical_readings(w, I, c.inner.c, c.slow, w_cmd, p, 1.0)
     return V[0]
 
 

@@ -30,12 +30,11 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
-    from observer_fi.logs import load_columns, read_log
-    from observer_fi.physics import commanded
+    from observer_fi.logs import load_columns, read_log, with_command
 
     columns = load_columns(args.columns) if args.columns else None
     logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
-    return [commanded(log, rig) for log in logs] if rig.driven.motor else logs
+    return [with_command(log, rig) for log in logs] if rig.driven.motor else logs
 
 
 def run_identify(args: argparse.Namespace) -> int:
@@ -47,7 +46,7 @@ def run_identify(args: argparse.Namespace) -> int:
     rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     fit = identify(logs, rig)
-    by_phase = residuals_by_phase(logs, fit, rig.model)
+    by_phase = residuals_by_phase(logs, fit, rig)
     files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
     folder = write_result(args.out, name, _made("identify", logs), files)
     taken(args.logs[0], name, folder)

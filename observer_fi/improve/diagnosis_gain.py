@@ -38,7 +38,7 @@ def diagnosis_gain(
     """`diagnose` with the rig as it was given, and with the extended one; None for a rig whose faults it cannot tell."""
     if not given.driven.servo:
         return None
-    commanded = [with_command(log, given.model) for log in logs]
+    commanded = [with_command(log, given) for log in logs]
     before, after = (
         measure_diagnosis_gain(commanded, extended, rig, Settings()) for rig in (given, extended)
     )

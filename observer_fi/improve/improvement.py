@@ -105,9 +105,7 @@ def improve(
             )
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
-    if rig.driven.command is not None:
-        raise UsageError(f"improve does not take drive {rig.drive!r} yet: give the rig as 'voltage'")
-    commanded = [with_command(log, rig.model) for log in logs]
+    commanded = [with_command(log, rig) for log in logs]
     problem = simulated_moves(commanded, with_servo(commanded, rig), moves, settings)
     ladder = problem.reconsidered(name_causes(problem, progress))
     return improvement_of(problem, ladder, progress, keep_unexplained)

@@ -1,7 +1,7 @@
 """What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves.
 
-A small disturbance of one equation moves the readings linearly. Along the simulated motion the closed loop is one of
-three linear systems (free, saturated, at rest), so the response to every shape of disturbance is one cheap recursion.
+A small disturbance of one equation moves the readings linearly (`learn/linear.py`), so the response to every shape of
+disturbance is one cheap recursion.
 """
 
 import math
@@ -13,10 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.improve.screening import Projector
-from observer_fi.learn import Experiment, FitResult, Motion, Solution, run, whitened
+from observer_fi.learn import (
+    CURRENT,
+    FRICTION,
+    POSITION,
+    RESISTANCE,
+    TORQUE,
+    TRAVEL,
+    VOLTAGE,
+    Experiment,
+    FitResult,
+    Linear,
+    Motion,
+    Solution,
+    linearised,
+    run,
+    whitened,
+)
 from observer_fi.numerics import compiled, matvec, self_gram
 from observer_fi.physics import Rig
-from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
@@ -29,7 +44,11 @@ _FEWEST_STEPS = 4  # between moves
 _DRAWN = 200  # points of a curve that is drawn from its functions
 _STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
 _FREQUENCIES = np.arange(0.1, 6.0, 0.02)
-EQUATIONS = ("torque", "electrical", "kinematics", "sensor:position", "sensor:current", "sensor:voltage")
+# Of every equation what is disturbed, and for a torque also against the direction of motion.
+KINDS = {
+    "torque": (TORQUE, FRICTION), "electrical": (RESISTANCE,), "kinematics": (TRAVEL,), "sensor:position": (POSITION,),
+    "sensor:current": (CURRENT,), "sensor:voltage": (VOLTAGE,),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -68,14 +87,13 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     excess: misfit over the noise of this fit [nats], of which the shares are told.
     """
     states, _ = run(experiment, fitted.model, fitted.nuisance)
-    projector = Projector(experiment, fitted)
+    projector, linear = Projector(experiment, fitted), linearised(experiment, fitted.model, states)
     found = []
-    for shape in _shapes(experiment, projector, fitted, states):
-        for equation in EQUATIONS:
-            for directed in (False, True) if equation == "torque" else (False,):
-                forcing = _forcing(equation, directed, states, shape.basis)
-                columns = response(experiment, fitted, states, equation, forcing)
-                found.append(_judge(experiment, projector, columns, equation, shape, directed, excess))
+    for shape in _shapes(experiment, projector, fitted, linear, states):
+        for equation, kinds in KINDS.items():
+            for directed, kind in enumerate(kinds):
+                columns = response(experiment, linear, kind, shape.basis)
+                found.append(_judge(experiment, projector, columns, equation, shape, bool(directed), excess))
     return sorted(found, key=lambda term: -term.held_out)
 
 
@@ -103,7 +121,9 @@ def regressors(experiment: Experiment, states: Array, lead: float) -> dict[str, 
     }
 
 
-def _shapes(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> list[Shape]:
+def _shapes(
+    experiment: Experiment, projector: Projector, fitted: FitResult, linear: Linear, states: Array
+) -> list[Shape]:
     """Everything that a disturbance is tried with: curves over one regressor, pitch by speed, decays and a wave in time."""
     given = regressors(experiment, states, fitted.model["screw_lead"])
     since = experiment.t - experiment.t.min()
@@ -112,7 +132,7 @@ def _shapes(experiment: Experiment, projector: Projector, fitted: FitResult, sta
         *(_shape(name, values) for name, values in given.items()),
         _pitch_by_speed(given["pitch"], given["speed"]),
         Shape("time", decays, experiment.t),
-        Shape("time", _wave(experiment, projector, fitted, states), experiment.t),
+        Shape("time", _wave(experiment, projector, linear), experiment.t),
     ]
 
 
@@ -144,12 +164,12 @@ def _pitch_by_speed(pitch: Array, speed: Array) -> Shape:
     return Shape("pitch", np.array([level * hat for level in levels.basis for hat in hats]), pitch)
 
 
-def _wave(experiment: Experiment, projector: Projector, fitted: FitResult, states: Array) -> Array:
+def _wave(experiment: Experiment, projector: Projector, linear: Linear) -> Array:
     """(2, N) sine and cosine of the frequency at which a torque in time would explain most."""
     best, at = 0.0, _FREQUENCIES[0]
     for f in _FREQUENCIES:
         wave = _sine(f, experiment.t)
-        columns = response(experiment, fitted, states, "torque", wave).reshape(2, -1)
+        columns = response(experiment, linear, TORQUE, wave).reshape(2, -1)
         g = matvec(columns, projector.r[: columns.shape[1]])
         gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
         if gain > best:
@@ -161,91 +181,43 @@ def _sine(f: float, t: Array) -> Array:
     return np.array([np.sin(2.0 * math.pi * f * t), np.cos(2.0 * math.pi * f * t)])
 
 
-def _forcing(equation: str, directed: bool, states: Array, basis: Array) -> Array:
-    """(K, N) disturbance in the unit of the equation: a resistance times the current, a share of the screw's speed."""
-    if equation == "electrical":
-        return basis * states[:, s.CURRENT]
-    if equation == "kinematics":
-        return basis * states[:, s.W]
-    return basis * np.sign(states[:, s.W]) if directed else basis
-
-
-def response(
-    experiment: Experiment, fitted: FitResult, states: Array, equation: str, forcing: Array
-) -> Array:
-    """(K, N, 3) change of the normalised readings for each unit disturbance of one equation."""
-    K, N = forcing.shape
-    out = np.zeros((K, N, 3))
-    channel = {"sensor:voltage": 0, "sensor:current": 1, "sensor:position": 2}.get(equation)
-    if channel is not None:
-        out[:, :, channel] = forcing
-        return _normalised(experiment, out)
-    p = fitted.model.vector
-    w, i, h = states[:, s.W], states[:, s.CURRENT], states[:, s.H]
-    limit = p[a.VMAX] - states[:, s.SAG]
-    V = (p[a.RM] * (1.0 + h) + p[a.RS]) * i + p[a.KM] * w
-    mode = np.where(w == 0.0, 0, np.where(np.abs(V) > limit - 1e-6, 2, 1))
-    kind = {"torque": 0, "electrical": 1, "kinematics": 2}[equation]
+def response(experiment: Experiment, linear: Linear, kind: int, forcing: Array) -> Array:
+    """(K, N, 3) change of the normalised readings for disturbances (K, N) of one of `DISTURBANCES`."""
+    out = np.empty((*forcing.shape, 3))
     for m in range(experiment.moves):
         rows = experiment.rows(m)
-        _respond(
-            experiment.t[rows],
-            mode[rows],
-            h[rows],
-            kind,
-            np.ascontiguousarray(forcing[:, rows].T),
-            p,
-            out[:, rows],
+        F, held, H, G, S = (
+            linear.F[rows],
+            linear.held[rows],
+            linear.H[rows],
+            linear.G[kind, rows],
+            linear.S[kind, rows],
         )
-    return _normalised(experiment, out)
-
-
-def _normalised(experiment: Experiment, columns: Array) -> Array:
-    columns *= experiment.weight
-    for column in columns:
+        _carry(F, held, H, G, S, np.ascontiguousarray(forcing[:, rows].T), out[:, rows])
+    out *= experiment.weight
+    for column in out:
         whitened(experiment, column)
-    return columns
+    return out
 
 
 @compiled
-def _respond(
-    t: Array, mode: NDArray[np.int64], h: Array, kind: int, forcing: Array, p: Array, out: Array
+def _carry(
+    F: Array, held: NDArray[np.bool_], H: Array, G: Array, S: Array, forcing: Array, out: Array
 ) -> None:
-    n, K = forcing.shape
-    dw, dI, dx = np.zeros(K), np.zeros(K), np.zeros(K)
-    J = a.inertia(p)
-    for j in range(n):
-        R = p[a.RM] * (1.0 + h[j]) + p[a.RS]
-        for k in range(K):
-            f = forcing[j, k]
-            di = p[a.KI] * dI[k] - p[a.KP] * dw[k]
-            v = f if kind == 1 else 0.0
-            if mode[j] == 2:
-                di = (-p[a.KM] * dw[k] - v) / R
-            out[k, j, 0] = p[a.RM] * (1.0 + h[j]) * di + p[a.KM] * dw[k] + v
-            out[k, j, 1] = di
-            out[k, j, 2] = dx[k]
-        if j + 1 == n:
-            break
-        step = (t[j + 1] - t[j]) / 2.0
-        for _ in range(2):
-            for k in range(K):
-                f = forcing[j, k]
-                torque = f if kind == 0 else 0.0
-                v = f if kind == 1 else 0.0
-                w0 = dw[k]
-                for stage in range(2):  # midpoint rule
-                    di = p[a.KI] * dI[k] - p[a.KP] * w0
-                    if mode[j] == 2:
-                        di = (-p[a.KM] * w0 - v) / R
-                    rate = (p[a.KM] * di - torque) / J
-                    if mode[j] == 0:
-                        rate = 0.0
-                    w0 = dw[k] + (0.5 * step if stage == 0 else step) * rate
-                mean = 0.5 * (dw[k] + w0)
-                dI[k] -= step * mean
-                dx[k] += step * p[a.D] * (mean + (f if kind == 2 else 0.0))
-                dw[k] = w0 if mode[j] != 0 else 0.0
+    """Readings out (K, n, 3) of one move that disturbances (n, K) lead to; F, held, H, G, S: see `Linear`."""
+    w, I, x = np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1])
+    for j in range(forcing.shape[0]):
+        for k in range(forcing.shape[1]):
+            f, before = forcing[j, k], w[k]
+            out[k, j, 0] = H[j, 0] * w[k] + H[j, 1] * I[k] + S[j, 0] * f
+            out[k, j, 1] = H[j, 2] * w[k] + H[j, 3] * I[k] + S[j, 1] * f
+            out[k, j, 2] = H[j, 4] * w[k] + H[j, 5] * x[k] + S[j, 2] * f
+            if held[j]:
+                w[k] = 0.0
+                continue
+            w[k] = F[j, 0] * before + F[j, 1] * I[k] + F[j, 2] * x[k] + G[j, 0] * f
+            x[k] += F[j, 5] * before + F[j, 6] * I[k] + G[j, 2] * f
+            I[k] = F[j, 3] * before + F[j, 4] * I[k] + G[j, 1] * f
 
 
 def _judge(

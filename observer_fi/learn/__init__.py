@@ -21,11 +21,15 @@ from observer_fi.learn.inverse_dynamics import (
 )
 from observer_fi.learn.inverse_motion import InverseSettings, Motion, prepare_motion
 from observer_fi.learn.linear import (
+    CURRENT,
     DISTURBANCES,
     DRAG,
     FRICTION,
     POSITION,
+    RESISTANCE,
     TORQUE,
+    TRAVEL,
+    VOLTAGE,
     WINDING,
     Disturbance,
     Linear,
@@ -47,6 +51,7 @@ from observer_fi.learn.unknown_servo import with_servo
 
 __all__ = [
     "CAUGHT_A",
+    "CURRENT",
     "Columns",
     "DISTURBANCES",
     "DRAG",
@@ -60,13 +65,16 @@ __all__ = [
     "Motion",
     "POSITION",
     "PositionServo",
+    "RESISTANCE",
     "Sharing",
     "Solution",
     "Structure",
     "TERMS",
     "TIMING",
     "TORQUE",
+    "TRAVEL",
     "Term",
+    "VOLTAGE",
     "WINDING",
     "check_force_rig",
     "closed_loop",

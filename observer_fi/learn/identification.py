@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError
 from observer_fi.learn import section3 as cf
 from observer_fi.learn.contacts_and_losses import Breaks, find_breaks
 from observer_fi.learn.gauss_newton import Free
@@ -82,11 +82,6 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
-    if rig.driven.command is not None:
-        raise UsageError(
-            f'rig {rig.name!r} has drive = "{rig.drive}": identify fits moves whose commanded speed is a trapezoid; '
-            'with drive = "voltage" it learns motor and mechanics'
-        )
     if not rig.driven.servo:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
@@ -126,7 +121,7 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 
 
 def _material(log: Log, rig: Rig) -> Material:
-    log = with_command(log, rig.model)
+    log = with_command(log, rig)
     moves = moves_from_rest(log)
     return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
 
@@ -397,12 +392,12 @@ def rmse(parts: Sequence[Part], fitted: JointFit) -> dict[str, float]:
     return {n: float(np.sqrt(np.nanmean(v**2))) for n, v in named.items() if np.isfinite(v).any()}
 
 
-def residuals_by_phase(logs: Sequence[Log], fit: Fit, model: Model) -> dict[str, Array]:
+def residuals_by_phase(logs: Sequence[Log], fit: Fit, rig: Rig) -> dict[str, Array]:
     """Mean square of the normalised residuals (3,) by phase of motion; empty for a rig that is not driven by its servo."""
     codes, residuals = [], []
     for one in fit.figures.get("fits", []):
-        log = with_command(logs[one["log"]], model)
-        codes.append(log_phases(log, model)[np.searchsorted(log.t, one["time"])])
+        log = with_command(logs[one["log"]], rig)
+        codes.append(log_phases(log, rig.model)[np.searchsorted(log.t, one["time"])])
         residuals.append(one["residual"])
     if not codes:
         return {}

@@ -90,7 +90,7 @@ def advance(
 ) -> tuple[float, float, float]:
     """One sample of the plant; `new` acts after `late` [s]."""
     h = step / substeps
-    m = plant.Motion(v / p[D], 0.0, x, 0.0, x / p[D], 0.0)
+    m = plant.Motion(v / p[D], 0.0, x, 0.0, plant.inner_at(x / p[D], 0.0))
     for k in range(substeps):
         s, m = plant.sampled_force(s, m, new if (k + 0.5) * h > late else old, h, theta, p)
     return m.x, m.w * p[D], s

@@ -117,7 +117,7 @@ def _move_at(moves: Sequence[Segment], experiment: Experiment, m: int) -> Segmen
 
 def _still_from(log: Log, move: Segment, model: Model) -> int:
     """First row of a stop that is left out: the motor is nearly still there."""
-    brake = move.stop - int(abs(move.peak) / model["accel_cmd"] * log.rate_hz) - 2
+    brake = move.stop - int(abs(move.peak) / (model["accel_cmd"] or math.inf) * log.rate_hz) - 2
     speed = np.sign(move.peak) * speed_of(log, model)[max(brake, move.start) : move.end]
     slow = np.flatnonzero(speed < min(_STILL, 0.2 * abs(move.peak)))
     return max(brake, move.start) + int(slow[0]) if slow.size else move.end

@@ -64,7 +64,7 @@ class Linear(NamedTuple):
 
 
 def linearised(experiment: Experiment, model: Model, states: Array) -> Linear:
-    """The linear system around the motion `states` (N, 12) of a model."""
+    """The linear system around the motion `states` (N, COLUMNS) of a model."""
     n, d, p = experiment.t.size, len(DISTURBANCES), model.vector
     dt = np.diff(experiment.t, append=experiment.t[-1])
     dt[experiment.bounds[1:] - 1] = 0.0
@@ -79,14 +79,14 @@ def linearised(experiment: Experiment, model: Model, states: Array) -> Linear:
 @compiled
 def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
     for k in range(dt.size):
-        w, x, c, t = states[k, s.W], states[k, s.X], states[k, s.LAGGED], dt[k]
+        w, x, t, inner = states[k, s.W], states[k, s.X], dt[k], plant.inner_in(states[k], s.INNER)
         d, slow = a.indentation(x, p), plant.Slow(states[k, s.H], states[k, s.SAG], 0.0)
-        m, still = plant.Motion(w, states[k, s.I], x, d, states[k, s.PHI], c), plant.Free(0.0, 0.0)
+        m, still = plant.Motion(w, states[k, s.I], x, d, inner), plant.Free(0.0, 0.0)
         by_w, by_I, by_x, x_by_w, _, _, _, per_J = linear.motion_slopes(m, slow, w_cmd[k], theta[k], still, p)
         if d != 0.0:
             by_x -= (a.stop_torque(w, d + _DEEPER, p) - a.stop_torque(w, d, p)) / _DEEPER * per_J
         (_, H[k, 0], H[k, 1], _), (_, H[k, 2], H[k, 3], _) = linear.electrical_readings(
-            w, m.I, c, slow, w_cmd[k], p, 1.0
+            w, m.I, inner.c, slow, w_cmd[k], p, 1.0
         )
         H[k, 4] = -(p[a.POSITION_DELAY] + p[a.POSITION_LAG]) * a.mass_speed(1.0, 0.0, 0.0, p)
         H[k, 5] = p[a.POSITION_GAIN]

@@ -5,7 +5,7 @@ measured. Two numbers per move are free: the current that holds the mass at rest
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +18,7 @@ from observer_fi.errors import InvalidLogError
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest
 from observer_fi.numerics import filled
-from observer_fi.physics import Model, Rig, corners, quarters
+from observer_fi.physics import Model, Rest, Rig, corners, quarters
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Log, Segment
@@ -48,7 +48,8 @@ class Experiment:
     where missing; fine (N,); phase (N,) `Phase` by the rig's model; log (M,) index of the log; start (M,) row of its log;
     peak (M,) rad/s and pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current
     [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
-    values of the commanded speed. history: per log, time and current on the whole log, for the slow states.
+    values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
+    the slow states. at_rest: see `Drive`.
     """
 
     t: Array
@@ -70,6 +71,7 @@ class Experiment:
     knots: tuple[tuple[Array, Array], ...]
     history: tuple[tuple[Array, Array], ...]
     accel: float
+    at_rest: Callable[[Any, Array], Rest]
     steps: int = 2
 
     @property
@@ -126,6 +128,7 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     """
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
+    steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
     noise = noise_of(logs, rig)
     codes = [log_phases(log, rig.model) for log in logs]
     every = [
@@ -155,7 +158,8 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
         doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
         history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
-        accel=accel,
+        accel=accel or steepest,
+        at_rest=rig.driven.at_rest,
     )
 
 
@@ -215,7 +219,7 @@ def _part(
         weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
     since = _since_change(log.t[rest:end], log.w_cmd[rest:end])
     gapless = np.nan_to_num(np.stack([filled(channel) for channel in z.T], axis=1))
-    brake = segment.stop - rest - int(abs(segment.peak) / model["accel_cmd"] / dt) - 2
+    brake = segment.stop - rest - int(abs(segment.peak) / (model["accel_cmd"] or math.inf) / dt) - 2
     return {
         "t": log.t[rest:end],
         "theta": np.nan_to_num(log.pitch[rest:end]),
@@ -306,7 +310,7 @@ def simulate(
 def run(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
-    """States (N, 12) with the columns of `simulate.run`, and readings (N, 3)."""
+    """States (N, COLUMNS) with the columns of `simulate.run`, and readings (N, 3)."""
     p = model.vector
     now, late = commands(experiment, p) if ready is None else ready
     states = np.empty((experiment.t.size, s.COLUMNS))
@@ -398,8 +402,7 @@ def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:
     true_i = (i - p[a.CURRENT_OFFSET]) / p[a.CURRENT_GAIN] if extended else i
     true_x = _behind_sensor(x, p) if extended else x
     before = np.where(experiment.before != 0.0, experiment.before, np.sign(experiment.peak))
-    starts[:, s.I] = true_i / p[a.KI]
-    starts[:, s.LAGGED] = true_i
+    starts[:, s.LAGGED], starts[:, s.I], _ = experiment.at_rest(true_i, p)
     starts[:, s.MASS] = true_x
     starts[:, s.X] = true_x + (0.5 * p[a.BACKLASH] * before if extended else 0.0)
     # On which side of the play a log begins is unknown: what is free there is the screw, not the mass.

@@ -171,7 +171,9 @@ def gains(log: Log, moves: Sequence[Segment], starts: Sequence[Start], model: Mo
     for move in moves:
         after = [s.last + 2 for s in starts if s.move is move]
         first = (
-            after[0] if after else move.start + round(abs(move.peak) / model["accel_cmd"] * log.rate_hz) + 2
+            after[0]
+            if after
+            else move.start + round(abs(move.peak) / (model["accel_cmd"] or np.inf) * log.rate_hz) + 2
         )
         last = min(first + round(settling_time(model) * log.rate_hz), move.stop - round(0.02 * log.rate_hz))
         t, y = log.t[first:last], (w - log.w_cmd)[first:last]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
-from observer_fi.physics import Model, speed
+from observer_fi.physics import Model, Rig, commanded, speed
 from observer_fi.records import Array, Log
 
 BLOCK_S = 0.005
@@ -43,9 +43,12 @@ class _Level(NamedTuple):
     speed: float
 
 
-def with_command(log: Log, model: Model) -> Log:
-    """`log` as it is, or with its command recovered where it holds none: where no sample of `w_cmd` is a number."""
-    return log if np.isfinite(log.w_cmd).any() else recover_command(log, model)
+def with_command(log: Log, rig: Rig) -> Log:
+    """`log` with its command: as the law of the drive makes it, as logged, or recovered where no sample of it is a number."""
+    if rig.driven.command is not None:
+        notes = tuple(note for note in log.notes if not note.startswith(ABSENT))
+        return replace(commanded(log, rig), notes=notes)
+    return log if np.isfinite(log.w_cmd).any() else recover_command(log, rig.model)
 
 
 def recover_command(log: Log, model: Model) -> Log:

@@ -17,9 +17,10 @@ from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import header_fields
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.tables import NO_VALUE, positions
+from observer_fi.physics import CommandLaw
 from observer_fi.records import Array
 
-COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
+READINGS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg")
 LONGEST_LINE = 1 << 16  # bytes: what has no end of line by then is no line
 LATEST_S = 1e15  # beyond this two samples have the same double: no clock is there
 MOST_HELD = 64  # samples that wait for a time, a pitch or a command
@@ -70,11 +71,17 @@ def lines_of(block: bytes) -> list[str]:
 
 
 class Parser:
-    """Lines of one source as samples in SI units. The first line that says so decides between CSV and JSON."""
+    """Lines of one source as samples in SI units. The first line that says so decides between CSV and JSON.
 
-    def __init__(self, source: str, column_map: ColumnMap) -> None:
-        self.source, self.map = source, column_map
-        self.limits = (LATEST_S, *(column_map.limit(column) for column in COLUMNS[1:]))
+    law: how columns make the commanded speed, with the parameters p; None: it is sent.
+    """
+
+    def __init__(
+        self, source: str, column_map: ColumnMap, law: CommandLaw | None = None, p: Array | None = None
+    ) -> None:
+        self.source, self.map, self.law, self.p = source, column_map, law, p
+        self.columns = (*READINGS, *(law.columns if law else ("speed_cmd_rad_s",)))
+        self.limits = (LATEST_S, *(column_map.limit(column) for column in self.columns[1:]))
         self.missing = {*NO_VALUE, *column_map.missing}
         self.coded = any(_is_number(text) for text in column_map.missing)  # a number that stands for no value
         self.begin()
@@ -97,13 +104,17 @@ class Parser:
         found = self._numbers(block, tuple(self.at[c] for c in used))
         if found is None:
             return None
-        table = np.full((len(found), len(COLUMNS)), NAN)
+        table = np.full((len(found), len(self.columns)), NAN)
         with np.errstate(over="ignore"):
             table[:, used] = found * np.array(self.factors)[used]
         if self.at[4] < 0:
             table[:, 4] = 0.0
         table[~(np.abs(table) <= np.array(self.limits))] = NAN
-        return table
+        return (
+            table
+            if self.law is None
+            else np.column_stack((table[:, :5], self.law.of(*table[:, 5:].T, self.p)))
+        )
 
     def _numbers(self, block: bytes, at: tuple[int, ...]) -> Array | None:
         """The fields at those positions: all with decimal points, or all with decimal commas."""
@@ -144,13 +155,19 @@ class Parser:
 
     def _columns(self, headers: list[str]) -> None:
         at = positions(self.source, headers, self.map)
-        if "speed_cmd_rad_s" not in at:
-            raise InvalidLogError(
-                f"{self.source}: column speed_cmd_rad_s is missing; a stream needs it (only a whole log lets it "
-                "be recovered): send it, or map its name with --columns"
-            )
-        self.at = tuple(at.get(column, -1) for column in COLUMNS)
-        self.factors = tuple(self.map.source(column).factor for column in COLUMNS)
+        for column in self.columns[5:]:
+            if column not in at:
+                why = (
+                    "the loop of a position servo needs it"
+                    if self.law
+                    else "only a whole log lets it be recovered"
+                )
+                raise InvalidLogError(
+                    f"{self.source}: column {column} is missing; a stream needs it ({why}): send it, or map its name "
+                    "with --columns"
+                )
+        self.at = tuple(at.get(column, -1) for column in self.columns)
+        self.factors = tuple(self.map.source(column).factor for column in self.columns)
 
     def _csv(self, line: str) -> Row | None:
         if self.map.data_line is not None and self.number < self.map.data_line:
@@ -180,7 +197,7 @@ class Parser:
         return self._sample(
             [
                 self._number(column, fields[k]) if k >= 0 else NAN
-                for column, k in zip(COLUMNS, self.at, strict=True)
+                for column, k in zip(self.columns, self.at, strict=True)
             ]
         )
 
@@ -210,7 +227,7 @@ class Parser:
             self.format = "json"
             self.keys = tuple(self.headers[k] if k >= 0 else None for k in self.at)
         values = []
-        for column, key in zip(COLUMNS, self.keys, strict=True):
+        for column, key in zip(self.columns, self.keys, strict=True):
             value = None if key is None else found.get(key)
             if isinstance(value, str):
                 value = self._number(column, value)
@@ -223,7 +240,7 @@ class Parser:
 
     def _sample(self, values: list[float]) -> Row | None:
         """Values in SI units, what is beyond its limit as missing; None for a line without any value."""
-        t, v, i, x, pitch, w = (value * f for value, f in zip(values, self.factors, strict=True))
+        t, v, i, x, pitch, *told = (value * f for value, f in zip(values, self.factors, strict=True))
         most = self.limits
         if not abs(t) <= most[0]:
             if v != v and i != i and x != x:
@@ -231,13 +248,14 @@ class Parser:
             t = NAN
         if self.at[4] < 0:
             pitch = 0.0
+        told = [value if abs(value) <= m else NAN for value, m in zip(told, most[5:], strict=True)]
         return Row(
             t,
             v if abs(v) <= most[1] else NAN,
             i if abs(i) <= most[2] else NAN,
             x if abs(x) <= most[3] else NAN,
             pitch if abs(pitch) <= most[4] else NAN,
-            w if abs(w) <= most[5] else NAN,
+            told[0] if self.law is None else float(self.law.of(*told, self.p)),
         )
 
 

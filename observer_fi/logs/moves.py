@@ -14,7 +14,9 @@ from observer_fi.records import Array, Log, Segment
 QUIET_SPEED = 0.05  # rad/s: below this a command stands for rest
 QUIET_SHARE = 1e-3  # of the largest command; one sample of a ramp is a tenth of it
 SHORTEST_S = 0.005  # a pause or a blip shorter than this is no rest and no move
+STOPPING_S = 0.04  # s: in a shorter pause (a ringing of the loop) the motor still turns, as where a position loop overshoots
 SETTLING_TIMES = 5.0  # time constants of the loop until a transient is over (0.7 % left)
+_CHANGING = 0.1  # of the steepest, where the command is no trapezoid: below, it stands still but for the steps of an encoder
 SATURATED = 0.99  # of the supply voltage
 
 Signs = NDArray[np.int8]
@@ -63,13 +65,15 @@ def log_segments(log: Log) -> tuple[Segment, ...]:
 
 
 def moves_from_rest(log: Log) -> tuple[Segment, ...]:
-    """The moves of a log as a simulation from rest takes them: a reversal without rest goes on with the move before it.
+    """The moves of a log as a simulation from rest takes them: a reversal goes on with the move before it.
+
+    So does what follows a pause that is too short for a rest.
 
     A move starts at its last sample at rest, and the rests before and after it belong to it whole. Its peak is that of its
     last way.
     """
     ways = _one_way(log.t, log.w_cmd)
-    after_rest = [k for k, (start, _) in enumerate(ways) if k == 0 or start > ways[k - 1][1]]
+    after_rest = [k for k, (start, _) in enumerate(ways) if k == 0 or _rests(log.t, ways[k - 1][1], start)]
     last = [k - 1 for k in after_rest[1:]] + [len(ways) - 1]
     starts = [max(ways[k][0] - 1, 0) for k in after_rest]
     stops = [ways[k][1] for k in last] if ways else []
@@ -78,6 +82,11 @@ def moves_from_rest(log: Log) -> tuple[Segment, ...]:
         Segment(rest, start, stop, end, _peak(log.w_cmd, *ways[k]), _mean_pitch(log.pitch, start, stop))
         for rest, start, stop, end, k in zip(rests, starts, stops, ends, last, strict=False)
     )
+
+
+def _rests(t: Array, stop: int, start: int) -> bool:
+    """Whether the motor has come to rest between a command that ends at row `stop` and the next one."""
+    return start > stop and float(t[start] - t[stop]) >= STOPPING_S
 
 
 def _one_way(t: Array, w_cmd: Array) -> list[tuple[int, int]]:
@@ -170,7 +179,8 @@ def _ramps(t: Array, speed: Array, start: int, brake: int, accel: float) -> list
     """(first, last) samples of every stretch in which the command changes before the brake."""
     if brake - start < 2:
         return [(start, start)] if brake > start else []
-    changing = np.abs(np.diff(speed[start:brake])) > 0.01 * accel * np.diff(t[start:brake])
+    slope = np.abs(np.diff(speed[start:brake]) / np.diff(t[start:brake]))
+    changing = slope > (0.01 * accel or _CHANGING * slope.max())
     if start > 0:
         changing[0] = True  # the command left zero before its first sample
     return [(start + int(a), start + int(b)) for a, b in zip(*runs(changing), strict=True)]

@@ -1,8 +1,8 @@
 """The equations of the actuator, rigs, faults, effects, the command between samples, and the simulation."""
 
 from observer_fi.physics import equations, linear, paper_residuals, plant, rigs, simulation
-from observer_fi.physics.command import corners
-from observer_fi.physics.drives import DRIVES, Drive
+from observer_fi.physics.command import corner, corners
+from observer_fi.physics.drives import DRIVES, CommandLaw, Drive, Rest
 from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Cause, Coverage, Term, Variant, bounds
 from observer_fi.physics.empirical_curve import (
     ANGLES,
@@ -95,6 +95,8 @@ __all__ = [
     "NAMES",
     "PARAMETERS",
     "Quantity",
+    "CommandLaw",
+    "Rest",
     "Rig",
     "Scenario",
     "Term",
@@ -104,6 +106,7 @@ __all__ = [
     "applied_torque",
     "bounds",
     "commanded",
+    "corner",
     "corners",
     "csv_bytes",
     "curve_of",

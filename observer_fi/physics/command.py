@@ -4,26 +4,50 @@ Holding the command over a sample looks like half a sample of delay, and cutting
 of a start into the error integral. The corners are found from the known acceleration, causally.
 """
 
+import math
+
 import numpy as np
 
+from observer_fi.numerics import compiled, inlined
 from observer_fi.records import Array
+
+
+@inlined
+def corner(before, was, t, w, slope, accel):
+    """Time and value of the corner between samples (before, was) and (t, w) of the command; a time of NaN where there is none.
+
+    slope: of the interval before [rad/s^2]. Where the difference is less than accel allows, the ramp ends early where the
+    interval before was a ramp, and starts late where it was not.
+    """
+    ramp, least = abs(w - was) / accel, 1e-9 * accel * (t - before)
+    if not (abs(w - was) > least and ramp < 0.999 * (t - before)):
+        return math.nan, w
+    if abs(slope) > 0.5 * accel:
+        return before + ramp, w
+    return t - ramp, was
 
 
 def corners(t: Array, w_cmd: Array, accel: float) -> tuple[Array, Array]:
     """Knots of the piecewise linear command through the samples (t, w_cmd).
 
-    t: (n,) s, w_cmd: (n,) rad/s, accel: commanded acceleration [rad/s^2]. Returns knot times and values, (m,) with
-    m >= n. Between two samples whose difference is less than accel allows, the ramp ends early where the interval
-    before it was a ramp, and starts late where it was not.
+    t: (n,) s, w_cmd: (n,) rad/s, accel: commanded acceleration [rad/s^2], 0 where it is not known or the command no trapezoid.
+    Returns knot times and values, (m,) with m >= n.
     """
-    dt, dw = np.diff(t), np.diff(w_cmd)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ramp_time = np.abs(dw) / accel
-        partial = (np.abs(dw) > 1e-9 * accel * dt) & (ramp_time < 0.999 * dt)
-        slope = np.concatenate(([0.0], dw[:-1] / dt[:-1]))
-    ends_here = np.abs(slope) > 0.5 * accel
-    at = np.where(ends_here, t[:-1] + ramp_time, t[1:] - ramp_time)[partial]
-    value = np.where(ends_here, w_cmd[1:], w_cmd[:-1])[partial]
-    knots = np.concatenate((t, at))
-    order = np.argsort(knots, kind="stable")
-    return knots[order], np.concatenate((w_cmd, value))[order]
+    knots = np.empty((2, 2 * t.size))
+    count = _corners(t, w_cmd, accel or math.inf, knots)
+    return knots[0, :count].copy(), knots[1, :count].copy()
+
+
+@compiled
+def _corners(t, w_cmd, accel, knots):
+    count, slope = 0, 0.0
+    for j in range(t.size):
+        if j:
+            at, value = corner(t[j - 1], w_cmd[j - 1], t[j], w_cmd[j], slope, accel)
+            slope = (w_cmd[j] - w_cmd[j - 1]) / (t[j] - t[j - 1])
+            if at == at:
+                knots[0, count], knots[1, count] = at, value
+                count += 1
+        knots[0, count], knots[1, count] = t[j], w_cmd[j]
+        count += 1
+    return count

@@ -1,18 +1,34 @@
 """How an actuator may be driven: one row a drive. What differs between drives is a column of this table.
 
-A row says which columns a log needs, which parameters a rig must give, and where the current comes from. Nothing else in
+A row says which columns a log needs, which parameters a rig must give, where the current comes from and how a motor begins
+that friction holds. Nothing else in
 the package knows a drive by its name.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
-from observer_fi.physics.equations import KX, PARAMETERS, X_WINDOW, D
-from observer_fi.records import Array, Log
+from observer_fi.physics.equations import KI, KM, KX, PARAMETERS, X_WINDOW, A, D
+from observer_fi.records import Array
+
+
+class CommandLaw(NamedTuple):
+    """How other columns make the commanded speed: `of` takes them in order, then the parameter vector [rad/s]."""
+
+    columns: tuple[str, ...]
+    of: Callable[..., Array]
+
+
+class Rest(NamedTuple):
+    """What drives a motor that friction holds: current c [A], the error integral I that makes it [rad] and its deviation."""
+
+    c: Any
+    I: Any  # noqa: E741
+    I_std: float
 
 
 @dataclass(frozen=True)
@@ -23,9 +39,9 @@ class Drive:
     a rig must give; excludes: those it must not. servo: equations 3 to 6 make the current of the commanded speed, so that
     a log can be simulated and the plant run open loop; without them the measured current drives. motor: a current drives;
     without one a force on the mass does, and nothing electrical can tell a fault. plant: parameters of the plant that a
-    filter takes instead of the rig's. command: the law by which other columns of a log and the parameter vector make the
-    commanded speed; None: it is logged, or recovered. in_doubt: constants that every hypothesis estimates, besides
-    friction and gravity.
+    filter takes instead of the rig's. command: the law by which other columns make the commanded speed; None: it is logged,
+    or recovered. at_rest: from the current [A] and the parameter vector, what drives a motor that friction holds. in_doubt:
+    constants that every hypothesis estimates, besides friction and gravity.
     """
 
     name: str
@@ -35,7 +51,8 @@ class Drive:
     servo: bool
     motor: bool
     plant: Mapping[str, float]
-    command: Callable[[Log, Array], Array] | None
+    command: CommandLaw | None
+    at_rest: Callable[[Any, Array], Rest]
     in_doubt: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -65,18 +82,23 @@ def position_loop(goal: Array, angle: Array, p: Array) -> Array:
     goal: commanded position [m]; angle: of the motor [rad], 0 where the position is.
     """
     error = goal / p[D] - angle
-    return np.where(np.abs(error) * p[D] > p[X_WINDOW], p[KX] * error, 0.0)
+    return np.where(np.abs(error) * p[D] <= p[X_WINDOW], 0.0, p[KX] * error)  # NaN where a reading is missing
 
 
-def _of_position(log: Log, p: Array) -> Array:
-    """The law of `position_servo` on the columns of a log."""
-    goal, angle = log.position_cmd, log.encoder
-    if goal is None or angle is None:
-        raise InvalidLogError(
-            f"{log.path}: column {'position_cmd_m' if goal is None else 'encoder_rad'} is missing, which the loop of a "
-            'position servo needs; log it, or give a rig with drive = "voltage"'
-        )
-    return position_loop(goal, angle, p)
+_UNKNOWN_INTEGRAL = (
+    0.05  # rad, the friction band of the paper's rig: where nothing makes a current of the integral
+)
+
+
+def held_by_servo(i: Any, p: Array) -> Rest:
+    """The integral makes the current, anywhere in the band that friction holds: +-A / (Km Ki), without anti-windup."""
+    pull = float(p[KM] * p[KI])
+    return Rest(i, i / p[KI] if p[KI] else 0.0 * i, 0.5 * (float(p[A]) / pull if pull else _UNKNOWN_INTEGRAL))
+
+
+def unloaded(i: Any, p: Array) -> Rest:
+    """A motor that no current drives, or none at all."""
+    return Rest(0.0 * i, 0.0 * i, 0.0)
 
 
 def table(*rows: Drive) -> Mapping[str, Drive]:
@@ -97,6 +119,7 @@ DRIVES = table(
         motor=True,
         plant=_RIGS_OWN,
         command=None,
+        at_rest=held_by_servo,
         in_doubt=("J", "Vmax"),
     ),
     Drive(
@@ -107,7 +130,8 @@ DRIVES = table(
         servo=True,
         motor=True,
         plant=_RIGS_OWN,
-        command=_of_position,
+        command=CommandLaw(("position_cmd_m", "encoder_rad"), position_loop),
+        at_rest=held_by_servo,
         in_doubt=("J", "Vmax"),
     ),
     Drive(
@@ -119,6 +143,7 @@ DRIVES = table(
         motor=True,
         plant=_FREE_SERVO,
         command=None,
+        at_rest=held_by_servo,
         in_doubt=("J",),
     ),
     Drive(
@@ -130,6 +155,7 @@ DRIVES = table(
         motor=True,
         plant=_FREE_SERVO,
         command=None,
+        at_rest=held_by_servo,
         in_doubt=("J",),
     ),
     Drive(
@@ -141,6 +167,7 @@ DRIVES = table(
         motor=False,
         plant=_RIGS_OWN,
         command=None,
+        at_rest=unloaded,
         in_doubt=(),
     ),
 )

@@ -359,7 +359,6 @@ def _scale(c: Coverage) -> tuple[Variant, ...]:
 
 
 _TEXTBOOK = "Armstrong-Helouvry et al., Automatica 30 (1994)"
-_PAPER = "Kemp and Martin, sections 2 and 5"
 _SPEEDS = "steady moves at four speeds or more, both directions"
 _PITCHES = "the same moves at three pitches or more"
 

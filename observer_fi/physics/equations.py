@@ -4,8 +4,8 @@ Kemp and Martin, "Fault isolation of an electro-mechanical linear actuator": equ
 docs/equations.md, with every named effect of `effects.py` standing in them at a neutral default.
 
 Letters: w motor speed [rad/s], I error integral [rad], x mass position [m], d indentation of a stop [m, signed],
-i current [A], theta pitch [deg], w_cmd commanded speed [rad/s], s sign of motion in [-1, 1], phi motor angle [rad],
-h relative rise of the winding resistance [1], sag drop of the supply [V], p parameter vector in the order of
+i current [A], theta pitch as its sensor shows it [deg], w_cmd commanded speed [rad/s], s sign of motion in [-1, 1], phi motor
+angle [rad], h relative rise of the winding resistance [1], sag drop of the supply [V], p parameter vector in the order of
 `PARAMETERS`, SI units (torque in N m, pitch in degrees).
 
 Every function takes and returns numbers, so that numba can compile it and plain Python can run it; or rows of numbers
@@ -254,7 +254,7 @@ def curve_torque(w, x, phi, theta, p):
     r = (
         is_code(over, SPEED) * w
         + is_code(over, POSITION) * x
-        + is_code(over, PITCH) * (theta + p[PITCH_OFFSET])
+        + is_code(over, PITCH) * (theta - p[PITCH_OFFSET])
     )
     r += is_code(over, SHAFT_ANGLE) * phi + is_code(over, SCREW_ANGLE) * 2.0 * math.pi * x / p[SCREW_LEAD]
     return (of_motor + (1.0 - of_motor) * p[COUPLING]) * curve_value(r, p)
@@ -344,7 +344,7 @@ def friction(w, x, theta, p):
         if any_of_rare(p[STRIBECK_TORQUE]):
             ratio = w / p[STRIBECK_SPEED]
             drag += p[STRIBECK_TORQUE] * exp(-ratio * ratio)
-        pitch = theta + p[PITCH_OFFSET]
+        pitch = theta - p[PITCH_OFFSET]
         along = p[LOAD_FRICTION] * abs(p[B] * pitch) + (p[FRICTION_SLOPE] + p[FRICTION_CURVATURE] * x) * x
         if any_of_rare(p[FRICTION_BUMP]):
             off = (x - p[BUMP_POSITION]) / p[BUMP_WIDTH]
@@ -379,10 +379,10 @@ def load_torque(w, x, d, phi, theta, p):
     """The part of the applied torque that has no friction sign: gravity, stops, viscous drag, ripple [N m]."""
     torque = p[COUPLING] * p[B] * theta + stop_torque(w, d, p)
     if any_of_rare(p[EXTENDED]):
-        tilt = p[PITCH_OFFSET]
-        pitch = theta + tilt
+        pitch = theta - p[PITCH_OFFSET]
         torque += p[COUPLING] * (
-            p[B] * tilt + (p[GRAVITY_QUADRATIC] * abs(pitch) + p[GRAVITY_CUBIC] * pitch * pitch) * pitch
+            (p[GRAVITY_QUADRATIC] * abs(pitch) + p[GRAVITY_CUBIC] * pitch * pitch) * pitch
+            - p[B] * p[PITCH_OFFSET]
         )
         torque += where_above(w, 0.0, p[VISCOUS_POSITIVE], p[VISCOUS_NEGATIVE]) * w + p[TORQUE_OFFSET]
         if any_of_rare(p[SHAFT_RIPPLE_SIN]) or any_of_rare(p[SHAFT_RIPPLE_COS]):
@@ -433,12 +433,6 @@ def mass_speed(w, d, torque, p):
 def heating(i, h, p):
     """Rate of the relative resistance rise: gain times loss, and towards heating_rise from outside heat [1/s]."""
     return p[HEATING_GAIN] * p[RM] * i * i + (p[HEATING_RISE] - h) / p[HEATING_TIME]
-
-
-@inlined
-def sagging(i, sag, p):
-    """Rate of the supply's sag towards sag_resistance |i| [V/s]."""
-    return (p[SAG_RESISTANCE] * abs(i) - sag) / p[SAG_TIME]
 
 
 @inlined

@@ -35,8 +35,8 @@ def motion_slopes(m, slow, w_cmd, theta, free, p):
     load = plant.applied(s, m, theta, free, p)
     by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, zeros_like(load)
     if any_of_rare(p[a.EXTENDED]):
-        faster = plant.Motion(m.w + _SPEED, m.I, m.x, m.d, m.phi, m.c)
-        farther = plant.Motion(m.w, m.I, m.x + _PLACE, m.d, m.phi, m.c)
+        faster = plant.Motion(m.w + _SPEED, m.I, m.x, m.d, m.inner)
+        farther = plant.Motion(m.w, m.I, m.x + _PLACE, m.d, m.inner)
         by_w -= (plant.applied(s, faster, theta, free, p) - load) / _SPEED * per_J
         by_x -= (plant.applied(s, farther, theta, free, p) - load) / _PLACE * per_J
     return by_w, by_I, by_x, a.mass_speed(1.0 + zeros_like(m.w), m.d, load, p), i, di_dV, load, per_J

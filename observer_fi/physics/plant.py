@@ -1,11 +1,12 @@
 """One step of the plant: what the simulation, the bank, the fits and the force-driven checks share.
 
 The states of a plant are named: `Motion` moves with the motor and is integrated by one of the rules `runge_kutta`,
-`midpoint` and `sampled_force`; `Slow` follows at the end of a step. All rules call the same rates, and `step` cuts a step in
+`midpoint` and `sampled_force`; `Slow` follows at the end of a step. What of a motion nobody outside asks for is `Inner`: others
+hand it on, or keep it in arrays by `inner_in` and `inner_into`. All rules call the same rates, and `step` cuts a step in
 which the motor stops or turns (Karnopp): the speed is cut where it passes zero, and the motor rests while friction holds it.
 
-Letters as in `equations.py`; numbers, or rows of them. Adding a state is one entry of `Motion` with its rate in `rates` and
-its line in `moved` and `between`, or one entry of `Slow` with its line in `settled`.
+Letters as in `equations.py`; numbers, or rows of them. Adding a state is one entry of `Inner` or of `Slow` in this file: all
+that other modules know of these is how many numbers they are.
 """
 
 from typing import Any, NamedTuple
@@ -16,17 +17,21 @@ from observer_fi.physics import equations as a
 SIGN_LENGTH = 2e-6  # m over which the friction of a reversal builds up; far below what the logs resolve
 
 
+class Inner(NamedTuple):
+    """States of a motion that nobody estimates: motor angle phi [rad], current c behind the lag of the servo [A]."""
+
+    phi: Any
+    c: Any
+
+
 class Motion(NamedTuple):
-    """States that move with the motor: speed w [rad/s], error integral I [rad], position x [m], indentation d of a stop [m],
-    motor angle phi [rad], current c behind the lag of the servo [A].
-    """
+    """States that move with the motor: speed w [rad/s], error integral I [rad], position x [m], indentation d of a stop [m]."""
 
     w: Any
     I: Any  # noqa: E741
     x: Any
     d: Any
-    phi: Any
-    c: Any
+    inner: Inner
 
 
 class Slow(NamedTuple):
@@ -56,6 +61,39 @@ class Free(NamedTuple):
 
     torque: Any
     rate: Any
+
+
+INNER, SLOW = len(Inner._fields), len(Slow._fields)
+
+
+@inlined
+def inner_at(phi, c):
+    """`Inner` of a motor that begins at an angle, with a current."""
+    return Inner(phi, c)
+
+
+@inlined
+def inner_in(row, first):
+    """`Inner` of INNER numbers of an array."""
+    return Inner(row[first], row[first + 1])
+
+
+@inlined
+def inner_into(row, first, inner):
+    """`Inner` into an array."""
+    row[first], row[first + 1] = inner.phi, inner.c
+
+
+@inlined
+def slow_in(row, first):
+    """`Slow` of SLOW numbers of an array."""
+    return Slow(row[first], row[first + 1], row[first + 2])
+
+
+@inlined
+def slow_into(row, first, slow):
+    """`Slow` into an array."""
+    row[first], row[first + 1], row[first + 2] = slow.h, slow.sag, slow.drift
 
 
 # --- rates ---------------------------------------------------------------------------------------
@@ -123,7 +161,7 @@ def winding_up(change, I, p):
 @inlined
 def applied(s, m, theta, free, p):
     """Torque against the motor that moves in direction s (equations 7, 11, 13) [N m]."""
-    return a.applied_torque(s, m.w, m.x, m.d, m.phi, theta, p) + free.torque
+    return a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free.torque
 
 
 @inlined
@@ -136,21 +174,22 @@ def mass_rate(m, load, free, p):
 def rates(s, m, slow, now, late, theta, free, p):
     """Rates of every state of `Motion`. s: sign of motion; now, late: command [rad/s]; theta: pitch [deg]."""
     load = applied(s, m, theta, free, p)
-    dw = a.acceleration(motor_current(m.w, m.I, m.c, slow, late, load, 1.0, p), load, p)
+    dw = a.acceleration(motor_current(m.w, m.I, m.inner.c, slow, late, load, 1.0, p), load, p)
     dx, dc = mass_rate(m, load, free, p), zeros_like(m.w)
     if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
         i_cmd = a.command_current(m.w, m.I, late, p) + p[a.KP] * p[a.SERVO_DELAY] * dw
-        dc = where_above(p[a.CURRENT_LAG], 0.0, (lag_goal(i_cmd, m.w, slow, p) - m.c) / lag_time(p), 0.0)
+        gap = lag_goal(i_cmd, m.w, slow, p) - m.inner.c
+        dc = where_above(p[a.CURRENT_LAG], 0.0, gap / lag_time(p), 0.0)
     in_contact = where_above(abs(p[a.CONTACT]), 0.0, 1.0, 0.0)
-    return Motion(dw, winding_up(now - m.w, m.I, p), dx, in_contact * dx, m.w, dc)
+    return Motion(dw, winding_up(now - m.w, m.I, p), dx, in_contact * dx, Inner(m.w, dc))
 
 
 @inlined
 def breakaway(m, slow, late, theta, free, p):
     """Sign in which the drive overcomes friction at rest, 0 where friction holds."""
     still = zeros_like(m.I)
-    push = p[a.KM] * motor_current(still, m.I, m.c, slow, late, still, 0.0, p)
-    push = push - a.load_torque(still, m.x, m.d, m.phi, theta, p) - free.torque
+    push = p[a.KM] * motor_current(still, m.I, m.inner.c, slow, late, still, 0.0, p)
+    push = push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque
     hold, asymmetry = a.friction(still, m.x, theta, p), p[a.FRICTION_ASYMMETRY]
     return where_above(push, asymmetry + hold, 1.0, where_above(asymmetry - hold, push, -1.0, still))
 
@@ -161,19 +200,18 @@ def breakaway(m, slow, late, theta, free, p):
 @inlined
 def moved(m, t, r):
     """m + t r."""
-    return Motion(
-        m.w + t * r.w, m.I + t * r.I, m.x + t * r.x, m.d + t * r.d, m.phi + t * r.phi, m.c + t * r.c
-    )
+    inner = Inner(m.inner.phi + t * r.inner.phi, m.inner.c + t * r.inner.c)
+    return Motion(m.w + t * r.w, m.I + t * r.I, m.x + t * r.x, m.d + t * r.d, inner)
 
 
 @inlined
 def between(m, later, share, w):
     """A share of the way from m to later, with the speed w."""
-    left = 1.0 - share
+    left, a0, a1 = 1.0 - share, m.inner, later.inner
+    inner = Inner(left * a0.phi + share * a1.phi, left * a0.c + share * a1.c)
     return Motion(
-        w, left * m.I + share * later.I, left * m.x + share * later.x, left * m.d + share * later.d,
-        left * m.phi + share * later.phi, left * m.c + share * later.c,
-    )  # fmt: skip
+        w, left * m.I + share * later.I, left * m.x + share * later.x, left * m.d + share * later.d, inner
+    )
 
 
 # --- rules: a time t with the sign of motion s held ----------------------------------------------
@@ -182,7 +220,7 @@ def between(m, later, share, w):
 @inlined
 def on_rails(m, p):
     """m with the indentation of the rail's end that x has reached."""
-    return Motion(m.w, m.I, m.x, a.indentation(m.x, p), m.phi, m.c)
+    return Motion(m.w, m.I, m.x, a.indentation(m.x, p), m.inner)
 
 
 @inlined
@@ -205,7 +243,7 @@ def with_lag(m, c, at, slow, t, late, p):
     """m with the lagged current that c has become after a time t, its goal that of the motion `at` (`late`: command)."""
     if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
         c = lagged(c, lag_goal(a.command_current(at.w, at.I, late, p), at.w, slow, p), t, p)
-    return Motion(m.w, m.I, m.x, m.d, m.phi, c)
+    return Motion(m.w, m.I, m.x, m.d, Inner(m.inner.phi, c))
 
 
 @inlined
@@ -216,17 +254,17 @@ def midpoint(s, m, slow, t, gone, u, theta, free, p):
     """
     half = 0.5 * t
     middle = moved(m, half, rates(s, m, slow, u.start, u.late_start, theta, free, p))
-    middle = with_lag(middle, m.c, m, slow, half, u.late_start, p)
+    middle = with_lag(middle, m.inner.c, m, slow, half, u.late_start, p)
     later = moved(m, t, rates(s, middle, slow, u.middle, u.late_middle, theta, free, p))
-    return with_lag(later, m.c, middle, slow, t, u.late_middle, p)
+    return with_lag(later, m.inner.c, middle, slow, t, u.late_middle, p)
 
 
 @inlined
 def rested(m, slow, t, u, free, p):
     """m after a time t at which friction held it (0: not at all)."""
-    after = Motion(m.w, m.I + winding_up(t * u.middle, m.I, p), m.x + t * free.rate, m.d, m.phi, m.c)
-    still = Motion(zeros_like(m.w), after.I, after.x, after.d, after.phi, m.c)
-    return with_lag(after, m.c, still, slow, t, u.late_middle, p)
+    after = Motion(m.w, m.I + winding_up(t * u.middle, m.I, p), m.x + t * free.rate, m.d, m.inner)
+    still = Motion(zeros_like(m.w), after.I, after.x, after.d, m.inner)
+    return with_lag(after, m.inner.c, still, slow, t, u.late_middle, p)
 
 
 @inlined
@@ -318,8 +356,8 @@ def sampled_force(s, m, force, t, theta, p):
     free = Free(zeros_like(m.w), zeros_like(m.w))
     load = applied(s, m, theta, free, p)
     w = m.w + t * ((force * p[a.D] - load) / a.inertia(p))
-    faster = Motion(w, m.I, m.x, m.d, m.phi, m.c)
+    faster = Motion(w, m.I, m.x, m.d, m.inner)
     travel = t * mass_rate(faster, load, free, p)
     sign = a.sign_of(travel)
     s = sign + (s - sign) * exp(-abs(travel) / SIGN_LENGTH)
-    return s, Motion(w, m.I, m.x + travel, m.d, m.phi + t * w, m.c)
+    return s, Motion(w, m.I, m.x + travel, m.d, Inner(m.inner.phi + t * w, m.inner.c))

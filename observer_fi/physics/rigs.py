@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from observer_fi.errors import UsageError
+from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.numerics import filled
 from observer_fi.physics import empirical_curve as curves
 from observer_fi.physics import rig_file
 from observer_fi.physics.drives import DRIVES, Drive
@@ -153,7 +154,17 @@ def commanded(log: Log, rig: Rig) -> Log:
     Raises InvalidLogError naming the column that the drive's law needs and the log has not.
     """
     law = rig.driven.command
-    return log if law is None else replace(log, w_cmd=law(log, rig.model.vector))
+    if law is None:
+        return log
+    given = {"position_cmd_m": log.position_cmd, "encoder_rad": log.encoder}
+    for column in law.columns:
+        if given[column] is None:
+            raise InvalidLogError(
+                f"{log.path}: column {column} is missing, which the loop of a position servo needs; log it, "
+                'or give a rig with drive = "voltage"'
+            )
+    w_cmd = law.of(*(given[column] for column in law.columns), rig.model.vector)
+    return replace(log, w_cmd=filled(w_cmd, log.t))
 
 
 def with_values(

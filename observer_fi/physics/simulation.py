@@ -20,8 +20,10 @@ from observer_fi.physics import equations as a
 from observer_fi.physics import plant
 from observer_fi.records import Array
 
-STATES = ("w", "I", "x", "phi", "h", "sag", "c", "mass")
-W, I, X, PHI, H, SAG, LAGGED, MASS = range(len(STATES))
+STATES = ("w", "I", "x", *plant.Inner._fields, "h", "sag", "mass")
+W, I, X, INNER, H, SAG, MASS, PHI, LAGGED = (
+    STATES.index(name) for name in ("w", "I", "x", plant.Inner._fields[0], "h", "sag", "mass", "phi", "c")
+)
 CURRENT = len(STATES)  # column of the motor current in the output of `run`
 BETWEEN = CURRENT + 1  # three columns: terminal voltage at the quarters of the interval that begins here
 COLUMNS = BETWEEN + 3
@@ -35,16 +37,17 @@ _MOST_PIECES = 32  # steps per sample: a lag below 2 % of the sampling interval 
 def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
     """As `run`, of numbers or rows. pace: the parameters that say how many steps an interval has."""
     x, mass, none = start[X], start[MASS], zeros_like(start[X])
-    m = plant.Motion(start[W], start[I], x, a.indentation(x, p), start[PHI], start[LAGGED])
+    m = plant.Motion(start[W], start[I], x, a.indentation(x, p), plant.inner_in(start, INNER))
     slow, free = plant.Slow(start[H], start[SAG], none), plant.Free(none, none)
     extended, n = any_of_rare(p[a.EXTENDED]), t.size
     for j in range(n):
         if extended:
             slow = plant.Slow(slow.h, slow.sag, p[a.SUPPLY_DRIFT] * t[j])
         i = _current(m, slow, late[j, 0], theta[j], free, p)
-        out[j, W], out[j, I], out[j, X], out[j, PHI] = m.w, m.I, m.x, m.phi
-        out[j, H], out[j, SAG], out[j, LAGGED], out[j, MASS] = slow.h, slow.sag, m.c, mass
-        out[j, CURRENT] = i
+        out[j, W], out[j, I], out[j, X] = m.w, m.I, m.x
+        for k in range(plant.INNER):
+            out[j, INNER + k] = m.inner[k]
+        out[j, H], out[j, SAG], out[j, MASS], out[j, CURRENT] = slow.h, slow.sag, mass, i
         if j + 1 == n:
             break
         dt = t[j + 1] - t[j]
@@ -58,7 +61,7 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
         if extended:
             limit = p[a.INTEGRATOR_LIMIT]
             clamped = where_above(m.I, limit, limit, where_above(-limit, m.I, -limit, m.I))
-            m = plant.Motion(m.w, clamped, m.x, m.d, m.phi, m.c)
+            m = plant.Motion(m.w, clamped, m.x, m.d, m.inner)
             slow = plant.settled(slow, i, dt, t[j + 1], p)
         mass = m.x - plant.in_play(m.x - mass, p)
 
@@ -67,7 +70,7 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
 def _current(m, slow, late, theta, free, p):
     """Current of the motor as it moves, or rests [A]."""
     return plant.motor_current(
-        m.w, m.I, m.c, slow, late, plant.applied(copysign(1.0, m.w), m, theta, free, p), abs(m.w), p
+        m.w, m.I, m.inner.c, slow, late, plant.applied(copysign(1.0, m.w), m, theta, free, p), abs(m.w), p
     )
 
 
@@ -87,7 +90,7 @@ def run(t, commands, late, fine, theta, p, start, out, steps=2):
 
     t: (n,) s. commands, late: (n, 4) the command, and the command as the proportional path sees it, at the quarters
     of the interval from each sample on [rad/s]. fine: (n,) whether that interval needs `steps` steps, a multiple of
-    four or two. theta: (n,) deg. p: parameter vector. start: (8,) in the order of `STATES`. out: (n, 12), the
+    four or two. theta: (n,) deg. p: parameter vector. start: one number each of `STATES`. out: (n, COLUMNS), the
     states, the motor current, and the terminal voltage at the quarters of the interval where something asks for it.
     """
     _run(t, commands, late, fine, theta, p, p, start, out, steps)
@@ -95,7 +98,7 @@ def run(t, commands, late, fine, theta, p, start, out, steps=2):
 
 @compiled
 def run_lanes(t, commands, late, fine, theta, p, pace, start, out, steps=2):
-    """As `run` for LANES parameter vectors at once, alike in `paced`: p (VECTOR_SIZE, L), start (8, L), out (n, 12, L).
+    """As `run` for LANES parameter vectors at once, alike in `paced`: p (VECTOR_SIZE, L), start and out with L lanes behind.
 
     pace: one of the vectors.
     """
@@ -135,27 +138,27 @@ def _within(commands, j, share):
 def readings(t, states, p, out):
     """What the sensors show: voltage [V], current [A], position [m], with their delays, lags, gains and offsets.
 
-    t: (n,) s. states: (n, 12) from `run`. out: (n, 3). Lags and delays are exact for signals linear between samples.
+    t: (n,) s. states: (n, COLUMNS) from `run`. out: (n, 3). Lags and delays are exact for signals linear between samples.
     """
     n = t.size
     extended = p[a.EXTENDED] != 0.0
-    seen = states[0, 7]
+    seen = states[0, MASS]
     for j in range(n):
-        i = states[j, 8]
-        out[j, 0] = a.terminal_voltage(i, states[j, 0], states[j, 4], p)
+        i = states[j, CURRENT]
+        out[j, 0] = a.terminal_voltage(i, states[j, W], states[j, H], p)
         out[j, 1] = a.current_reading(i, p) if extended else i
-        out[j, 2] = states[j, 7]
+        out[j, 2] = states[j, MASS]
     if not extended:
         return
     if p[a.POSITION_LAG] > 0.0:
         for j in range(1, n):
             dt = t[j] - t[j - 1]
-            slope = (states[j, 7] - states[j - 1, 7]) / dt
+            slope = (states[j, MASS] - states[j - 1, MASS]) / dt
             keep = math.exp(-dt / p[a.POSITION_LAG])
             seen = (
-                states[j, 7]
+                states[j, MASS]
                 - slope * p[a.POSITION_LAG]
-                + keep * (seen - states[j - 1, 7] + slope * p[a.POSITION_LAG])
+                + keep * (seen - states[j - 1, MASS] + slope * p[a.POSITION_LAG])
             )
             out[j, 2] = seen
     if p[a.POSITION_DELAY] != 0.0:

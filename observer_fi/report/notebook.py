@@ -207,7 +207,7 @@ def write_report(result: Diagnosis | Identification | Improved, folder: str | Pa
 
 
 def _identify_files(result: Any, name: str) -> dict[str, str]:
-    by_phase = learn.residuals_by_phase(list(result.logs), result.fit, result.before.model)
+    by_phase = learn.residuals_by_phase(list(result.logs), result.fit, result.before)
     paths = [log.path for log in result.logs]
     return learning_report.identify_files(result.fit, result.before, result.rig, by_phase, name, paths)
 
@@ -231,7 +231,7 @@ def _log(given: AnyLog, rig: Rig) -> Log:
     if isinstance(given, pd.DataFrame):
         given = log_from_frame(given)
     log = given if isinstance(given, Log) else read_log(given)
-    return log if rig.drive == "force" else with_command(log, rig.model)
+    return log if rig.drive == "force" else with_command(log, rig)
 
 
 def _logs(given: AnyLog | Sequence[AnyLog], rig: Rig) -> list[Log]:

@@ -211,7 +211,9 @@ class Watch:
         self, options: Options, name: str, out: "TextIO | Breakable", complain: Callable[[str], None]
     ) -> None:
         self.options, self.name, self.out, self.complain = options, name, out, complain
-        self.splitter, self.parser, self.clock = Splitter(), Parser(name, options.columns), Clock()
+        rig = options.rig
+        self.parser = Parser(name, options.columns, rig.driven.command, rig.model.vector)
+        self.splitter, self.clock = Splitter(), Clock()
         self.live = self._new_live()
         self.rows: list[Row] = []
         self.tables: list[Array] = []  # samples before those of `rows`

@@ -74,7 +74,7 @@ def diagnose(
     file = open_log(path, columns)
     recovered = None
     if not (file.has_command or rig.driven.command):
-        recovered = with_command(read_log(path, columns), rig.model)
+        recovered = with_command(read_log(path, columns), rig)
     run.add_all(file.chunks() if recovered is None else _pieces(recovered))
     whole = file.summary if recovered is None else recovered
     notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
@@ -101,7 +101,7 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
-    log = log if rig.driven.command else with_command(log, rig.model)
+    log = with_command(log, rig)
     run = Diagnosis(rig, settings, engine, filter_kind)
     estimate = run.add(log)
     facts = {

@@ -77,7 +77,7 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
     "current_gain: plain": (("current_gain", {"gain": 0.1}), {"current_gain": 1.1}),
     "voltage_delay: plain": (("voltage_delay", {"delay": 4e-3}), {"voltage_delay": 4e-3}),
     "voltage_offset: plain": (("voltage_offset", {"offset": 0.025}), {"voltage_offset": 0.025}),
-    "pitch_offset: plain": (("pitch_offset", {"offset": 4.0}), {"pitch_offset": -4.0}),
+    "pitch_offset: plain": (("pitch_offset", {"offset": 4.0}), {"pitch_offset": 4.0}),
 }  # fmt: skip
 # Forms that the truth does not have: by the package's own simulation.
 OWN: dict[str, dict[str, float]] = {

@@ -224,7 +224,7 @@ def seen(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Readings (3,) and their slopes (3, 4) by w, I, x and the factor of the supply; trail: what the lag is behind [m]."""
     base, at, slow = b.parameters[j], b.layout[j], tr.slow_at_rest(b.parameters[j])
-    slow[tr.Carried._fields.index("trail")] = trail
+    slow[tr.TRAIL] = trail
     p = base.copy()
     tr.load_parameters(x[j], at, (at >= 0).astype(float), base, p)
     V, i, shown, V_w, V_I, V_v, i_w, i_I, i_v, x_x = tr.readings(

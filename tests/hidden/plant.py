@@ -92,6 +92,9 @@ class Servo(NamedTuple):
     current_lag: float = 0.0  # s
     integral_limit: float = np.inf  # rad
     encoder_step: float = 0.0
+    Kx: float = 0.0  # 1/s, of a position loop around it that sees its encoder; 0 = none
+    window: float = 0.0  # rad, within which that loop asks for no speed
+    loop_step: float = 0.0  # rad, quantum of its encoder
     speed_filter: float = 2e-3  # s, on the encoder's speed in the proportional path only
 
 
@@ -247,6 +250,7 @@ def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, rec
     """Integrate and record. start = (x, I), at rest. Returns the rows of Motion and the final stops.
 
     command: rad/s per servo tick; pitch: deg per step. plants: one after the other, each from its switch_steps on.
+    A position loop around the servo takes rad per tick.
     The servo ticks half a tick after time zero, so a logged current is half a tick old.
     """
     steps, h, tick_s = pitch.size, step_s, steps_per_tick * step_s
@@ -268,6 +272,9 @@ def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, rec
             stops = (x if p.stop_here < 0.0 else p.stop_low, x if p.stop_here > 0.0 else p.stop_high)
         if k % steps_per_tick == steps_per_tick // 2:
             w_command, w_seen, speed_seen = command[k // steps_per_tick], w, w
+            if servo.Kx > 0.0:
+                error = w_command - np.floor(angle / servo.loop_step) * servo.loop_step
+                w_command = servo.Kx * error if abs(error) > servo.window else 0.0
             if servo.encoder_step > 0.0:
                 new_angle = np.floor(angle / servo.encoder_step) * servo.encoder_step
                 w_seen, seen_angle = (new_angle - seen_angle) / tick_s, new_angle

@@ -39,8 +39,22 @@ class Profile:
 
 def command_at(profile: Profile, accel: float, times):
     """Trapezoid of section 2.2 [rad/s] at `times` [s], continuous in time, ramps of `accel` [rad/s^2]; or the curve."""
+    return np.interp(times, *_corners(profile, accel))
+
+
+def travel_at(profile: Profile, accel: float, times):
+    """Integral of that command [rad]."""
+    knots, speeds = _corners(profile, accel)
+    grid = np.union1d(knots, times)
+    w = np.interp(grid, knots, speeds)
+    travel = np.concatenate(([0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(grid))))
+    return np.interp(times, grid, travel)
+
+
+def _corners(profile: Profile, accel: float):
+    """Times [s] and speeds [rad/s] of its corners."""
     if profile.curve is not None:
-        return np.interp(times, *profile.curve)
+        return profile.curve
     knots, speeds = [-1.0], [0.0]
     for move in profile.moves:
         ramp = abs(move.speed) / accel
@@ -50,7 +64,7 @@ def command_at(profile: Profile, accel: float, times):
             )
         knots += [move.start_s, move.start_s + ramp, move.brake_s, move.brake_s + ramp]
         speeds += [0.0, move.speed, move.speed, 0.0]
-    return np.interp(times, knots, speeds)
+    return knots, speeds
 
 
 def pitch_at(profile: Profile, times):

@@ -18,7 +18,10 @@ ENCODER_EDGES_PER_TURN = 128  # 32 counts a turn, quadrature
 
 @dataclass(frozen=True)
 class Logger:
-    """Sample rate and white noise, 1 sigma. log_encoder adds the servo's own angle, in quadrature steps."""
+    """Sample rate and white noise, 1 sigma. log_encoder adds the servo's own angle, in quadrature steps.
+
+    encoder_edges: steps a turn.
+    """
 
     rate_hz: float = 1600.0
     voltage_noise_v: float = 10e-3
@@ -26,9 +29,10 @@ class Logger:
     position_noise_m: float = 10e-6
     pitch_noise_deg: float = 0.0
     log_encoder: bool = False
+    encoder_edges: int = ENCODER_EDGES_PER_TURN
 
     def noiseless(self) -> "Logger":
-        return Logger(self.rate_hz, 0.0, 0.0, 0.0, 0.0, self.log_encoder)
+        return Logger(self.rate_hz, 0.0, 0.0, 0.0, 0.0, self.log_encoder, self.encoder_edges)
 
 
 class Sensors(NamedTuple):
@@ -76,7 +80,7 @@ def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: 
     columns["pitch_deg"] = _rounded(pitch + sensors.pitch_offset + pitch_noise, 1e-3)
     columns["speed_cmd_rad_s"] = _rounded(command, 1e-6)
     if logger.log_encoder:
-        edge = 2 * np.pi / ENCODER_EDGES_PER_TURN
+        edge = 2 * np.pi / logger.encoder_edges
         columns["encoder_rad"] = np.round(np.floor(_at(motion, motion.angle, times) / edge) * edge, 6)
     return pd.DataFrame(columns)
 

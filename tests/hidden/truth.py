@@ -13,7 +13,7 @@ import pandas as pd
 from .effects import ALL, Effect, fields_of
 from .faults import DEFAULT_SIZES, NO_FAULT, Fault, faulty_plant
 from .plant import Motion, Plant, Servo, run
-from .profiles import Profile, campaign, command_at, pitch_at
+from .profiles import Profile, campaign, command_at, pitch_at, travel_at
 from .rig import SCREW_RAD_PER_MOTOR_RAD, TABLE_1, Rig
 from .sensors import ENCODER_EDGES_PER_TURN, Logger, Sensors, needs_history, record
 
@@ -25,7 +25,8 @@ class TruthSpec:
     then: a fault of the plant that comes later, on top. start_m: mass position at t = 0; start_integral_rad: the
     servo's error integral I then, which holds it. static_ratio: break-away friction over sliding friction. servo_hz:
     rate of the PI servo; servo_encoder: it sees quadrature steps instead of the exact speed. substep_hz: integration
-    steps a second, a multiple of 2 * servo_hz and of the log's rate.
+    steps a second, a multiple of 2 * servo_hz and of the log's rate. Kx: gain of a position loop around the servo [1/s], 0 for
+    none, and window_m: how near to its goal it rests; the log then has position_cmd_m and no commanded speed.
     """
 
     profile: Profile = campaign()
@@ -40,6 +41,8 @@ class TruthSpec:
     servo_hz: float = 8000.0
     servo_encoder: bool = False
     substep_hz: float = 48000.0
+    Kx: float = 0.0
+    window_m: float = 0.0
 
 
 def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
@@ -58,6 +61,9 @@ def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
         spec.fault,
         np.random.default_rng(seed),
     )
+    if spec.Kx > 0.0:
+        goal = spec.rig.D * travel_at(spec.profile, spec.rig.accel, times)
+        frame = frame.drop(columns="speed_cmd_rad_s").assign(position_cmd_m=np.round(goal, 10))
     return frame, _truth(spec, seed, stops)
 
 
@@ -148,15 +154,17 @@ def _plant(spec: TruthSpec) -> Plant:
 
 def _servo(spec: TruthSpec) -> Servo:
     edge = 2 * np.pi / ENCODER_EDGES_PER_TURN if spec.servo_encoder else 0.0
-    return Servo(spec.rig.Kp, spec.rig.Ki, encoder_step=edge)._replace(**fields_of(spec.effects, "servo"))
+    loop = (spec.Kx, spec.window_m / spec.rig.D, 2 * np.pi / spec.logger.encoder_edges)
+    servo = Servo(spec.rig.Kp, spec.rig.Ki, encoder_step=edge, Kx=loop[0], window=loop[1], loop_step=loop[2])
+    return servo._replace(**fields_of(spec.effects, "servo"))
 
 
 def _servo_command(spec: TruthSpec, ticks: int):
-    """Command [rad/s] that the servo follows at each tick, late and slew-limited if an effect says so."""
+    """Command that the servo [rad/s], or the loop around it [rad], follows at each tick, late and slew-limited by effects."""
     fields = fields_of(spec.effects, "command")
     accel = min(spec.rig.accel, fields.get("slew", np.inf))
     times = (np.arange(ticks) + 0.5) / spec.servo_hz - fields.get("delay", 0.0)
-    return command_at(spec.profile, accel, times)
+    return (travel_at if spec.Kx > 0.0 else command_at)(spec.profile, accel, times)
 
 
 def _direction_at(spec: TruthSpec, time_s: float) -> float:

@@ -3,9 +3,10 @@
 import json
 from dataclasses import replace
 
+import hidden
 import numpy as np
 import pytest
-from campaigns import campaign
+from campaigns import behind_a_loop, campaign, loop_log
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.improve.diagnosis_gain import DiagnosisGain
@@ -116,3 +117,18 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
     assert "<h2>Which equation the data want to free</h2>" in files["improve.html"]
     assert sticky.disturbances and files["disturbance_1.svg"] in files["improve.html"]
     assert "8 of 8" in files["improve.html"] and "40.0 ms" in files["improve.html"]
+
+
+def test_a_cause_is_named_behind_a_position_loop():
+    """The independent truth under a position loop, with a bearing that drags; the rig file has no commanded acceleration."""
+    effects = (hidden.effect("viscous_friction", plus=2e-7, minus=2e-7),)
+    profile = hidden.there_and_back((410.0, 200.0, 90.0), (1.0,) * 3, (0.0, 8.0, -8.0))
+    rig = behind_a_loop()
+    found = improve([loop_log(profile, effects=effects)], rig)
+    assert [f.cause for f in found.findings] == ["viscous_friction"]
+    for value in found.findings[0].parameters.values():
+        assert value.value == pytest.approx(2e-7, rel=0.1)
+    assert (
+        found.extended_rig.drive == "position_servo"
+        and found.extended.nll_per_sample < found.baseline.nll_per_sample
+    )

@@ -7,9 +7,11 @@ import pytest
 from campaigns import RIG, campaign
 
 from observer_fi.improve.simulated_moves import base_parameters
-from observer_fi.improve.unexplained import rest_steps, slow_excess
-from observer_fi.learn.move_data import prepare
+from observer_fi.improve.unexplained import KINDS, response, rest_steps, slow_excess
+from observer_fi.learn.linear import RESISTANCE, TORQUE, TRAVEL, linearised
+from observer_fi.learn.move_data import prepare, run, simulate, whitened
 from observer_fi.learn.output_error import fit
+from observer_fi.physics.rigs import override
 
 LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
 
@@ -40,3 +42,29 @@ def test_slow_excess_sees_slow_misfit_only():
     blocks = experiment.t.size * 3 / 8
     assert abs(slow_excess(experiment, white)) < 4.0 * np.sqrt(blocks / 2.0)
     assert slow_excess(experiment, white + 0.2) > 0.5 * 0.04 * 3 * experiment.t.size * 0.9
+
+
+@pytest.mark.parametrize(
+    ("equation", "kind", "parameter", "size"),
+    [
+        ("torque", TORQUE, "torque_offset", 1e-6),
+        ("electrical", RESISTANCE, "Rm", 1e-2),
+        ("kinematics", TRAVEL, "slip", -1e-4),
+    ],
+)
+def test_the_response_is_what_the_simulation_shows(equation, kind, parameter, size):
+    """A constant disturbance of an equation against the same change of a parameter of the simulated plant."""
+    experiment = prepare([LOG], RIG)
+    fitted = fit(experiment, RIG.model, base_parameters(RIG, RIG.model))
+    states, plain = run(experiment, fitted.model, fitted.nuisance)
+    linear = linearised(experiment, fitted.model, states)
+    got = response(experiment, linear, kind, np.ones((1, experiment.t.size)))[0]
+    changed = override(fitted.model, "changed", **{parameter: fitted.model[parameter] + size})
+    exact = (simulate(experiment, changed, fitted.nuisance) - plain) / size * experiment.weight
+    exact = whitened(experiment, exact)
+    assert kind in KINDS[equation]
+    for channel in range(3):
+        scale = np.sqrt(np.mean(exact[:, channel] ** 2))
+        if scale * size > 1e-6:
+            error = np.sqrt(np.mean((got - exact)[:, channel] ** 2)) / scale
+            assert error < 0.2, (channel, error)

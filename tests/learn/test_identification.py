@@ -6,7 +6,7 @@ from dataclasses import replace
 import hidden
 import numpy as np
 import pytest
-from campaigns import log_of
+from campaigns import behind_a_loop, log_of, loop_log
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn import identification as module
@@ -284,7 +284,24 @@ def test_intervals_hold_the_truth():
 
 def test_residuals_by_phase_are_white_for_the_right_model(campaign, fitted):
     """1 in steady motion; less where the servo's timing is in doubt and weighed down."""
-    found = residuals_by_phase([campaign], fitted, PAPER.model)
+    found = residuals_by_phase([campaign], fitted, PAPER)
     assert {"acceleration", "saturation", "stabilisation", "steady", "stop"} <= set(found)
     assert all((mean < 2.0).all() for mean in found.values())
     assert found["steady"] == pytest.approx(np.ones(3), abs=0.05)
+
+
+def test_a_rig_behind_a_position_loop_is_identified(rig) -> None:
+    """The loop's speed command is made of position command and encoder; nothing of the log says it."""
+    log = loop_log(hidden.campaign(), rig)
+    assert np.isnan(log.w_cmd).all() and log.position_cmd is not None
+    found = identify([log], behind_a_loop())
+    named = {p.name: p for p in found.parameters}
+    assert {"J", "A", "B", "Kp", "Ki"} <= set(named)
+    off = {
+        name: (named[name].value - getattr(rig, name)) / getattr(rig, name)
+        for name in ("J", "A", "B", "Kp", "Ki")
+    }
+    assert max(map(abs, off.values())) < 0.02, off
+    learned = identified_rig(found, behind_a_loop())
+    assert learned.drive == "position_servo" and learned.model["Kx"] == 40.0
+    assert residuals_by_phase([log], found, behind_a_loop())

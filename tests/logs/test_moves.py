@@ -24,7 +24,8 @@ from observer_fi.logs.moves import (
 from observer_fi.physics.rigs import load_rig, override
 from observer_fi.records import Log
 
-MODEL = load_rig().model
+RIG = load_rig()
+MODEL = RIG.model
 ACCEL = MODEL["accel_cmd"]
 
 
@@ -268,12 +269,12 @@ def test_without_a_speed_loop_the_settled_speed_stands_for_the_command() -> None
 
 def test_only_a_command_that_is_missing_is_recovered() -> None:
     log = healthy_log()
-    assert with_command(log, MODEL) is log
+    assert with_command(log, RIG) is log
     still = replace(
         log, w_cmd=np.zeros(log.t.size), notes=("speed_cmd_rad_s is absent: recovered, 0 starts",)
     )
-    assert with_command(still, MODEL) is still
-    found = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), MODEL)
+    assert with_command(still, RIG) is still
+    found = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), RIG)
     assert np.abs(found.w_cmd - log.w_cmd).max() < ACCEL / RATE_HZ
 
 

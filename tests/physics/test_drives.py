@@ -12,7 +12,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.columns import COLUMNS
 from observer_fi.logs.ingest import read_log
 from observer_fi.physics.drives import DRIVES, Drive, table
-from observer_fi.physics.equations import NAMES, PARAMETERS
+from observer_fi.physics.equations import KI, KM, NAMES, PARAMETERS, A
 from observer_fi.physics.rigs import commanded, load_rig, rig_toml, with_values
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 from observer_fi.settings import BankSettings, Settings
@@ -93,6 +93,16 @@ def test_only_a_servo_can_be_simulated(row: Drive) -> None:
     else:
         with pytest.raises(UsageError, match="needs a servo .*pi_servo"):
             synthesise(Scenario(), rig)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=tuple(DRIVES))
+def test_a_motor_at_rest_is_driven_as_its_row_says(row: Drive) -> None:
+    """A servo's integral makes the measured current, within the band of friction; nothing presses on what has no motor."""
+    p = load_rig().model.vector
+    rest = row.at_rest(np.array([0.02, -0.01]), p)
+    np.testing.assert_allclose(rest.c, [0.02, -0.01] if row.motor else [0.0, 0.0])
+    np.testing.assert_allclose(p[KI] * rest.I, rest.c)
+    assert rest.I_std == pytest.approx(0.5 * p[A] / (p[KM] * p[KI]) if row.motor else 0.0)
 
 
 # --- the position loop around the speed servo ------------------------------------------------------

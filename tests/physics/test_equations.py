@@ -238,6 +238,15 @@ def test_every_effect_at_its_neutral_value_changes_nothing() -> None:
     np.testing.assert_array_equal(y[0], y[1])
 
 
+def test_a_pitch_sensor_shows_the_pitch_and_its_offset() -> None:
+    """The formula of the cause: theta_seen = theta + theta0."""
+    size = {"load_friction": 0.2, "gravity_cubic": 1e-7}
+    straight, tilted = (override(PLANT, "tilted", **size, pitch_offset=off).vector for off in (0.0, 0.5))
+    for seen, true in ((5.5, 5.0), (-4.5, -5.0)):
+        expected = a.applied_torque(1.0, 100.0, 0.0, 0.0, 0.0, true, straight)
+        assert a.applied_torque(1.0, 100.0, 0.0, 0.0, 0.0, seen, tilted) == pytest.approx(expected, rel=1e-12)
+
+
 def test_table_one_is_all_that_a_rig_must_give() -> None:
     assert len(a.PARAMETERS) - len(EFFECTS) == 15
     assert set(a.PARAMETERS) - set(EFFECTS) == set(RIG.quantities)

@@ -21,11 +21,11 @@ def test_slopes_are_those_of_the_rates(w: float, I: float) -> None:
     at = np.array([w, I, 1e-3])
 
     def rates(y: np.ndarray) -> np.ndarray:
-        m = plant.Motion(y[0], y[1], y[2], 0.0, 0.0, 0.0)
+        m = plant.Motion(y[0], y[1], y[2], 0.0, plant.inner_at(0.0, 0.0))
         r = plant.rates(1.0, m, WARM, 410.0, 410.0, 3.0, FREE, p)
         return np.array([r.w, r.x])
 
-    m = plant.Motion(*at, 0.0, 0.0, 0.0)
+    m = plant.Motion(*at, 0.0, plant.inner_at(0.0, 0.0))
     by_w, by_I, by_x, x_by_w, *_ = linear.motion_slopes(m, WARM, 410.0, 3.0, FREE, p)
     differences = [(rates(at + d) - rates(at - d)) / (2.0 * d.max()) for d in np.diag([1e-3, 1e-5, 1e-7])]
     np.testing.assert_allclose([by_w, by_I, by_x], [d[0] for d in differences], rtol=5e-3, atol=1e-3)

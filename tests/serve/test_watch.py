@@ -12,9 +12,11 @@ import time
 from functools import cache
 from pathlib import Path
 
+import hidden
 import numpy as np
 import pytest
 import scenarios
+from campaigns import LOOP, behind_a_loop
 from fuzz import watch_streams
 
 from observer_fi.bank import compiled_bank as kernels
@@ -22,7 +24,7 @@ from observer_fi.bank import log_feed as feed
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.columns import PLAIN, ColumnMap, Source
 from observer_fi.logs.ingest import load_columns, open_log
-from observer_fi.physics.rigs import load_rig, override
+from observer_fi.physics.rigs import commanded, load_rig, override
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
 from observer_fi.records import Estimate, Event, Log
 from observer_fi.serve import watch
@@ -704,3 +706,38 @@ def test_command_line_errors_and_fail_on_fault() -> None:
     process = start_watch("--fail-on-fault", stdin=subprocess.PIPE)
     out, _ = process.communicate(csv_bytes(sample_log()).decode(), timeout=60)
     assert process.returncode == 3 and len(out.splitlines()) == 3
+
+
+# --- behind a position loop ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_the_command_of_a_position_servo_is_made_line_by_line(form: str, tmp_path: Path) -> None:
+    """Position command and encoder of a log of the independent truth, as `diagnose` reads them; each is asked for by name."""
+    rig = behind_a_loop()
+    profile = hidden.there_and_back((300.0,), (1.0,), (4.0,))
+    spec = dict(
+        profile=profile, fault=hidden.Fault("coupling_loss", 2.0), Kx=LOOP["Kx"], window_m=LOOP["x_window"]
+    )
+    frame, _ = hidden.make_log(
+        hidden.TruthSpec(logger=hidden.Logger(log_encoder=True, encoder_edges=4096), **spec), 3
+    )
+    assert "speed_cmd_rad_s" not in frame
+    path = hidden.write_log(frame, tmp_path / "log.csv")
+    text = path.read_bytes()
+    if form == "json":
+        text = "".join(json.dumps(row) + "\n" for row in frame.to_dict("records")).encode()
+    lines, said = fed(
+        [text[k : k + 9999] for k in range(0, len(text), 9999)], Options(rig, SETTINGS, every=1)
+    )
+    assert not said
+    outcome = diagnose.diagnose(path, rig, SETTINGS)
+    assert outcome.isolation is not None
+    assert lines[-1]["label"] == outcome.isolation.verdict.label == "coupling_loss"
+    log = commanded(read_back(path)[0], rig)
+    e = isolate.tested(kernels.Bank(rig, SETTINGS.bank).advance(log), SETTINGS.decision)
+    expected = np.array([list(posterior(e.modes, p).values()) for p in e.probability])
+    np.testing.assert_allclose(posteriors(lines), expected, atol=1e-9)
+    for column in ("position_cmd_m", "encoder_rad"):
+        with pytest.raises(InvalidLogError, match=f"column {column} is missing; a stream needs it"):
+            fed([frame.drop(columns=column).to_csv(index=False).encode()], Options(rig, SETTINGS))
