@@ -208,7 +208,14 @@ FAULTS = table(
         states=(OwnState("A_decoupled", 1.0, None, 0.0),),
         sizes=(
             OwnState(
-                "A_decoupled", 0.9, 0.4, 0.0, "drag", "what is left of the friction is {:.3g} N m", low=0.05
+                "A_decoupled",
+                0.9,
+                0.4,
+                0.0,
+                "drag",
+                "what is left of the friction is {:.3g} N m",
+                low=0.05,
+                high=1.35,  # more than that the whole rig has: then the position stands still, and not the mass
             ),
             OwnState(
                 "J_decoupled",

@@ -19,6 +19,7 @@ from observer_fi.verdict.whole_move import Path, WholeMove
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
+PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 SETTLED_S = 0.15  # a fault that begins and ends within the ring of a start is the ring
 RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
@@ -67,7 +68,7 @@ class LastWord:
                 break
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
-        nothing = all(path.gain < self.settings.move_nats or _rings(path, whole, first) for path in paths)
+        nothing = all(path.gain < self.settings.move_nats or _passes(path, whole, first) for path in paths)
         named = event.label not in (NOMINAL, UNKNOWN)
         if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected:
             return _healthy(event)
@@ -91,7 +92,7 @@ class LastWord:
     def _fits(self, path: Path, whole: WholeMove, start_s: float) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start."""
         if (
-            _rings(path, whole, start_s)
+            _passes(path, whole, start_s)
             or path.gain < self.settings.move_nats
             or path.nis > FITS * whole.expected
         ):
@@ -197,9 +198,12 @@ class LastWord:
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
 
 
-def _rings(path: Path, whole: WholeMove, start_s: float) -> bool:
-    """Whether the path is over before the ring of a start is."""
-    return path.end is not None and bool(whole.window.t[path.end] < start_s + SETTLED_S)
+def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:
+    """Whether the path is over before the ring of a start is, or as soon as it has begun."""
+    if path.end is None:
+        return False
+    begin, end = whole.window.t[path.begin], whole.window.t[path.end]
+    return bool(end < start_s + SETTLED_S or end - begin < PASSES_S)
 
 
 def _healthy(event: Event) -> Event:

@@ -51,14 +51,13 @@ class Path(NamedTuple):
 
 
 class Begin(NamedTuple):
-    """A hypothesis with its begin, the samples that hold it with 95 %, what it found of its constants, and its gain [nats]."""
+    """A hypothesis with its begin, the samples that hold it with 95 %, and what it found of its constants."""
 
     hypothesis: Hypothesis
     begin: int
     first: int
     last: int
     near: HypothesisState | None
-    gain: float
 
 
 class WholeMove:
@@ -90,10 +89,12 @@ class WholeMove:
                 for h, k in self._promising(first, last, look)
                 if not _near(h, k, good)
             ]
-            best = max((b.gain for b in begins), default=0.0)
-            for b in begins:
-                if b.gain >= HOPELESS * best and (b.hypothesis.name, b.begin // STRIDE) not in good:
-                    found += [path._replace(first=b.first, last=b.last) for path in self._ends(b)]
+            stop = max((b.begin for b in begins), default=0) + look
+            gains = [self._gains(b.hypothesis, [b.begin], look, stop, b.near)[b.begin] for b in begins]
+            best = max(gains, default=0.0)
+            for b, gain in zip(begins, gains, strict=True):
+                if gain >= HOPELESS * best and (b.hypothesis.name, b.begin // STRIDE) not in good:
+                    found.append(self._ended(b)._replace(first=b.first, last=b.last))
         return sorted(found, key=lambda path: -path.gain)
 
     @property
@@ -149,7 +150,7 @@ class WholeMove:
         share = np.cumsum(np.exp(nats - nats.max()))
         low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
         last = int(samples[min(high, samples.size - 1)])
-        return Begin(h, begin, int(samples[low]), last, near, gains[begin])
+        return Begin(h, begin, int(samples[low]), last, near)
 
     def _constants(
         self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
@@ -229,8 +230,8 @@ class WholeMove:
             memories.append(alone.memory())
         return memories, np.concatenate(densities), np.nan_to_num(np.concatenate(misfits))
 
-    def _ends(self, found: Begin) -> list[Path]:
-        """The path that stays to the end, and the best one on which nominal comes back."""
+    def _ended(self, found: Begin) -> Path:
+        """The path that stays to the end, or the best one on which nominal comes back where that is better."""
         h, begin, near = found.hypothesis, found.begin, found.near
         before, enter = self._nominal_at(begin), self._entry(h, near)
         memories, density, nis = self._follow(h, enter(before), begin)
@@ -259,7 +260,7 @@ class WholeMove:
         soon = [begin + int(STRIDE * 2 ** (k / 2.0)) for k in range(2 * int(math.log2(max(self.n, 2))))]
         gains(strides([*soon, *range(begin + step, self.n, step)]))
         if not tried:
-            return [stays]
+            return stays
         while step > STRIDE:
             step, best = max(STRIDE, step // 4 // STRIDE * STRIDE), max(tried, key=lambda k: tried[k])
             gains(strides(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step)))
@@ -268,7 +269,7 @@ class WholeMove:
         gains(range(best - STRIDE, best + STRIDE + 1))
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
-        return [stays, Path(h, begin, best, tried[best], at[best], lasted)]
+        return max(stays, Path(h, begin, best, tried[best], at[best], lasted), key=lambda path: path.gain)
 
     def _each(
         self, h: Hypothesis, at: dict[int, HypothesisState], first: int, last: int
