@@ -5,6 +5,7 @@ label that needs the whole move. Verdicts that the bank is sure of stand.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from observer_fi.verdict.whole_move import Path, WholeMove
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
+MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 SETTLED_S = 0.15  # a fault that begins and ends within the ring of a start is the ring
 RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
@@ -44,15 +46,23 @@ class LastWord:
     def __init__(self, rig: Rig, filters: Filters, settings: DecisionSettings) -> None:
         self.rig, self.filters, self.settings = rig, filters, settings
         self.hypotheses: tuple[Hypothesis, ...] = ()
+        self.asked: Counter[str] = Counter()
 
     def needed(self, event: Event) -> bool:
-        """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size."""
+        """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size.
+
+        In a log of many such moves the first ones are asked: the others cost as much again and say the same.
+        """
+        in_doubt = event.label in (NOMINAL, UNKNOWN)
+        if self.asked[event.label] >= (MOST_IN_DOUBT if in_doubt else MOST_SURE):
+            return False
         if event.label == NOMINAL:
             return event.doubted_s is not None
-        return event.label == UNKNOWN or any(own.tells for own in FAULTS[event.label].sizes)
+        return in_doubt or any(own.tells for own in FAULTS[event.label].sizes)
 
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""
+        self.asked[event.label] += 1
         move = self._move(event, bank)
         doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
         if move is None or doubted is None:
