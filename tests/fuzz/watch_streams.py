@@ -128,10 +128,11 @@ def one(data: bytes, options: Options, rng: random.Random, kind: type[Watch]) ->
     out, said = io.StringIO(), []
     flow = kind(options, "stream", out, said.append)
     try:
-        while data:
-            size = rng.choice((1, 61, 4099, 1 << 16)) if len(data) < 20_000 else 1 << 16
-            flow.take(data[:size])
-            data = data[size:]
+        at = 0
+        while at < len(data):
+            size = rng.choice((1, 61, 4099, 1 << 16)) if len(data) - at < 20_000 else 1 << 16
+            flow.take(data[at : at + size])
+            at += size
         flow.finish("the stream ended")
     except InvalidLogError as error:
         assert "\n" not in str(error), "a refusal of more than one line"
