@@ -59,7 +59,7 @@ _STOPS = {"C": 1.0, "E": 0.2}
 _PROMISING, _HOPELESS = 0.1, 0.03
 _EXACT = 2  # refits of a round that may be done anew, exactly
 _BEHIND = 0.05  # of its score that a refit may miss
-MOST_ROWS = 80_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
+MOST_ROWS = 120_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
 _STOP_NATS = 100.0  # that stops must gain in the refit
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
