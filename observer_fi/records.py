@@ -4,6 +4,7 @@ Arrays are float64, SI units, on the log's own clock; n is the number of samples
 """
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,9 +56,9 @@ class Log:
     notes: tuple[str, ...] = ()
     first_row: int = 0
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
-        """Median sampling rate [Hz]."""
+        """Median sampling rate [Hz]. Kept: a long log is asked for it at every move."""
         return float(1.0 / np.median(np.diff(self.t))) if self.t.size > 1 else float("nan")
 
 

@@ -106,6 +106,23 @@ QUOTES = (
     ),
     Scenario("quote within a field", remarked(put(3, 6, '5" pipe')), samples=1600),
     Scenario("quote within a number", _spoilt(put(3, 2, '0"1')), error=r"row 3 .*current_a: '0\"1' is not"),
+    Scenario(
+        "quotes within every field of a column", remarked(every(6, lambda t: '5" by 6" pipe')), samples=1600
+    ),
+    Scenario(
+        "quotes within fields beside fields in quotes",
+        remarked(put_all(every(6, lambda t: '5" pipe'), every(6, lambda t: '"a, b"', 3), put(2, 6, '"ok'))),
+        rejected=1,
+        samples=1599,
+    ),
+    Scenario(
+        "blank lines and comments between rows with inches",
+        remarked(
+            put_all(every(6, lambda t: '5"'), put(3, 0, '# 5" pipe'), lambda rows: rows.insert(9, [""]))
+        ),
+        rejected=1,
+        samples=1599,
+    ),
     Scenario("text behind a quote", remarked(put(3, 6, '"ok"x')), rejected=1, samples=1599),
     Scenario(
         "all in quotes",
@@ -453,6 +470,14 @@ def replaced(values: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], 
     return change
 
 
+def signalling(values: np.ndarray, kind: str = "f8") -> np.ndarray:
+    """The values, but every hundredth is a NaN of the kind that warns at every operation."""
+    made = values.astype(kind)
+    bits = {"f8": np.uint64(0x7FF0000000000001), "f4": np.uint32(0x7F800001)}[kind]
+    made.view(bits.dtype)[::100] = bits
+    return made
+
+
 def _dictionary(values: np.ndarray) -> Any:
     import pyarrow as pa
 
@@ -510,6 +535,13 @@ PARQUET = (
     ),
     Scenario("Parquet: dictionary of texts", parquet(replaced(_dictionary)), samples=1600),
     Scenario("Parquet: decimals", parquet(as_type((20, 9), lambda v: np.round(v, 6))), samples=1600),
+    Scenario("Parquet: signalling NaN", parquet(replaced(signalling)), rejected=16, samples=1600),
+    Scenario(
+        "Parquet: signalling NaN in single precision",
+        parquet(replaced(lambda v: signalling(v, "f4"))),
+        rejected=16,
+        samples=1600,
+    ),
     Scenario("Parquet: half precision", parquet(replaced(lambda v: v.astype(np.float16))), samples=1600),
     Scenario(
         "Parquet: whole numbers",
@@ -733,6 +765,13 @@ TDMS = (
         rejected=5,
         samples=1600,
         notes=("waveform",),
+    ),
+    _t("signalling NaN", values_of("Current", signalling), rejected=16, samples=1600, notes=("waveform",)),
+    _t(
+        "signalling NaN in single precision",
+        values_of("Current", lambda v: signalling(v, "f4")),
+        rejected=16,
+        samples=1600,
     ),
     _t("an empty channel", values_of("Position", lambda v: v[:0]), error="position_m holds no usable value"),
     _t("escapes in properties", root={"operator": ESCAPES}, samples=1600, notes=("waveform",)),

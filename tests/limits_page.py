@@ -4,6 +4,8 @@ from pathlib import Path
 
 from observer_fi import settings, toml_files
 from observer_fi.bank import log_feed
+from observer_fi.improve import simulated_moves
+from observer_fi.learn import move_data
 from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
 from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
 from observer_fi.physics import PARAMETERS, rig_file
@@ -42,6 +44,11 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             "samples of a log read whole",
             f"{ingest.MOST_WHOLE:,}",
             "`identify`, `improve`, and `diagnose` without a command column; else logs of any length stream",
+        ),
+        (
+            "samples of moves that are fitted",
+            f"{move_data.MOST_ROWS:,} by `identify`, {simulated_moves.MOST_ROWS:,} by `improve`, of a rig with a servo",
+            "more: moves drawn from the whole of each log, told",
         ),
         (
             "time",

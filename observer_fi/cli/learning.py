@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_logs, add_rig, emit_json, step, taken
+from observer_fi.cli.options import OK, add_common, add_logs, add_rig, complain, emit_json, step, taken
 
 if TYPE_CHECKING:
     from observer_fi.physics import Rig
@@ -39,15 +39,16 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 
 def run_identify(args: argparse.Namespace) -> int:
     """A rig learned from its logs."""
-    from observer_fi.learn import identified_rig, identify, residuals_by_phase
+    from observer_fi.learn import identified_rig, identify, residuals_by_phase, too_many_moves
     from observer_fi.physics import load_rig
     from observer_fi.report import folder_name, identify_files, identify_json, write_result
 
     rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
+    note = _told(too_many_moves(logs, rig))
     fit = identify(logs, rig)
     by_phase = residuals_by_phase(logs, fit, rig)
-    files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs))
+    files = identify_files(fit, rig, identified_rig(fit, rig), by_phase, name, list(args.logs), note)
     folder = write_result(args.out, name, _made("identify", logs), files)
     taken(args.logs[0], name, folder)
     if args.json:
@@ -62,16 +63,18 @@ def run_identify(args: argparse.Namespace) -> int:
 
 def run_improve(args: argparse.Namespace) -> int:
     """What the simulation gets wrong, and the extended rig."""
-    from observer_fi.improve import diagnosis_gain, improve
+    from observer_fi.improve import MOST_ROWS, diagnosis_gain, improve
+    from observer_fi.learn import too_many_moves
     from observer_fi.physics import load_rig
     from observer_fi.report import folder_name, improve_files, improve_headline, improve_json, write_result
 
     rig, name, tell = load_rig(args.rig), folder_name(args.name, args.logs[0]), step(args)
     logs = _learning_logs(args, rig)
+    note = _told(too_many_moves(logs, rig, MOST_ROWS))
     record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
     tell("what diagnose gains")
     gain = diagnosis_gain(logs, record.rig, record.extended_rig)
-    files = improve_files(record, gain, name, list(args.logs))
+    files = improve_files(record, gain, name, list(args.logs), note)
     folder = write_result(args.out, name, _made("improve", logs), files)
     taken(args.logs[0], name, folder)
     if args.json:
@@ -79,6 +82,13 @@ def run_improve(args: argparse.Namespace) -> int:
     elif not args.quiet:
         print(f"{folder.name}: {improve_headline(record)}  {folder / 'improve.html'}")
     return OK
+
+
+def _told(note: str) -> str:
+    """A note on the whole command, which its page has, too."""
+    if note:
+        complain(note)
+    return note
 
 
 def _made(command: str, logs: "list[Log]") -> "Made":

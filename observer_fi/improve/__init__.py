@@ -16,6 +16,7 @@ from observer_fi.improve.improvement import (
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.problem import Ladder
 from observer_fi.improve.residual_tables import Residuals
+from observer_fi.improve.simulated_moves import MOST_ROWS
 from observer_fi.improve.smoothed_disturbance import (
     DRAWN,
     BinnedDisturbance,
@@ -33,6 +34,7 @@ __all__ = [
     "FoundCause",
     "Improvement",
     "LOOKS_LIKE",
+    "MOST_ROWS",
     "SmoothedDisturbance",
     "Ladder",
     "Residuals",

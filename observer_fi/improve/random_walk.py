@@ -6,6 +6,7 @@ are as uncertain as in the fit. The rig's parameters are free beside it: the sam
 is left is a linear regression of innovations (de Jong 1991).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -96,12 +97,15 @@ def _steps(experiment: Experiment) -> tuple[Array, Array]:
 
 def likelihood(linear: Linear, series: Series, kind: int, size: float, memory: float) -> tuple[float, Array]:
     """Log-likelihood [nats, a constant left out] with a disturbance of standard deviation `size` free, parameters
-    integrated over; and the parameters (k,) that go with it, in steps from the fit.
+    integrated over; and the parameters (k,) that go with it, in steps from the fit. Minus infinity where the filter breaks
+    down: NaN would be above every other likelihood that it is compared with first.
     """
     A = np.zeros((series.y.shape[2], series.y.shape[2]))
     log_det = _run(
         linear, series, kind, size, memory, A, np.empty((1, 3, 2 + STATES)), np.empty((1, STATES, 1 + STATES))
     )
+    if not (np.isfinite(A).all() and np.isfinite(log_det)):
+        return -math.inf, np.zeros(A.shape[0] - 1)
     A += np.tril(A, -1).T
     g = A[1:, 0] + series.precision * series.off
     information = A[1:, 1:] + np.diag(series.precision)

@@ -36,10 +36,11 @@ from observer_fi.learn import (
     nll_per_sample,
     objective,
     prepare,
+    share_of,
     stops_of_travel,
     whiteness,
 )
-from observer_fi.logs import Excitation, excitation, log_segments
+from observer_fi.logs import Excitation, excitation, log_segments, moves_from_rest
 from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
 from observer_fi.records import Array, Log, Segment
@@ -58,6 +59,7 @@ _STOPS = {"C": 1.0, "E": 0.2}
 _PROMISING, _HOPELESS = 0.1, 0.03
 _EXACT = 2  # refits of a round that may be done anew, exactly
 _BEHIND = 0.05  # of its score that a refit may miss
+MOST_ROWS = 120_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
 _STOP_NATS = 100.0  # that stops must gain in the refit
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
@@ -405,7 +407,8 @@ def simulated_moves(
     settings: MoveSettings | None = None,
 ) -> SimulatedMoves:
     """The problem of a rig with a servo. Raises InvalidLogError where no log holds a move."""
-    experiment = replace(prepare(logs, rig, moves), steps=_STEPS)
+    cut = [moves_from_rest(log) for log in logs] if moves is None else moves
+    experiment = replace(prepare(logs, rig, cut, share_of(cut, MOST_ROWS)), steps=_STEPS)
     model = with_stops(experiment, logs, rig)
     return SimulatedMoves(tuple(logs), rig, experiment, model, settings or MoveSettings())
 

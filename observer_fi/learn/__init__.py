@@ -35,7 +35,16 @@ from observer_fi.learn.linear import (
     Linear,
     linearised,
 )
-from observer_fi.learn.move_data import Experiment, prepare, run, select, unwhitened, whitened
+from observer_fi.learn.move_data import (
+    Experiment,
+    prepare,
+    run,
+    select,
+    share_of,
+    too_many_moves,
+    unwhitened,
+    whitened,
+)
 from observer_fi.learn.output_error import (
     FitResult,
     fit,
@@ -102,11 +111,13 @@ __all__ = [
     "run",
     "scales",
     "select",
+    "share_of",
     "solve",
     "stops_of_travel",
     "structure_of",
     "term_of",
     "tune",
+    "too_many_moves",
     "unwhitened",
     "whitened",
     "whiteness",

@@ -66,7 +66,8 @@ def motor_angle(t: Array, w: Array) -> Array:
 
 def find_breaks(log: Log, moves: Sequence[Segment], model: Model, position_std: float) -> Breaks:
     """Stops and the coupling loss of a log; moves as cut from its command."""
-    bends = [b for b in (_bend(log, move, model, position_std) for move in moves) if b is not None]
+    w = speed_of(log, model)
+    bends = [b for b in (_bend(log, w, move, model, position_std) for move in moves) if b is not None]
     last = max(
         (k for k, b in enumerate(bends) if b.after > FROZEN), default=-1
     )  # what follows stands for good
@@ -86,14 +87,17 @@ def _side(bend: Bend) -> float:
     return 0.0
 
 
-def _bend(log: Log, move: Segment, model: Model, std: float) -> Bend | None:
-    """The best bend of one move, or its single slope (before = after) where it has none; None if it hardly moves."""
+def _bend(log: Log, speed: Array, move: Segment, model: Model, std: float) -> Bend | None:
+    """The best bend of one move, or its single slope (before = after) where it has none; None if it hardly moves.
+
+    speed: (n,) of the whole log.
+    """
     rows = slice(move.start, move.stop)
     t, x = log.t[rows], log.z[rows, 2]
     good = ~np.isnan(x)
     if good.sum() < 20:
         return None
-    w = speed_of(log, model)[rows]
+    w = speed[rows]
     angle = (
         motor_angle(t, log.w_cmd[rows] if np.isnan(w).any() else w) * model["D"]
     )  # the loop follows its command

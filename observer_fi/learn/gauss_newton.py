@@ -9,7 +9,6 @@ equations also give the estimate without some of the moves, without another simu
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -90,8 +89,7 @@ class Normal(NamedTuple):
     follow: Array
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """Where a search ended, and the columns (k, N, 3) of its last step."""
 
     point: Point
@@ -113,6 +111,7 @@ def search(
     point = point_at(problem, values, nuisance)
     columns, converged, before = np.empty(0), False, None
     for _ in range(iterations):
+        columns = around = np.empty(0)  # not twice at once: they are the largest there is
         columns, around = problem.columns(point)
         better = _better(problem, point, project(problem, columns, around, point))
         gain = point.objective - better.objective if better else 0.0

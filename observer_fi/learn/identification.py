@@ -27,6 +27,7 @@ from observer_fi.learn.joint_likelihood import (
     profile_interval,
     residuals_of,
 )
+from observer_fi.learn.move_data import share_of
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
 from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, speed, with_values
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
@@ -86,7 +87,9 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         return identify_driven(logs, rig)
     material = [_material(log, rig) for log in logs]
     steps, start = closed_form_start(material, rig.model)
-    parts = [part for k, m in enumerate(material) if (part := part_of(m.log, rig, k, m.breaks)) is not None]
+    share = share_of(m.moves for m in material)
+    found = [part_of(m.log, rig, k, m.breaks, share) for k, m in enumerate(material)]
+    parts = [part for part in found if part is not None]
     if not parts:
         raise InvalidLogError(
             f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"

@@ -89,14 +89,18 @@ class JointFit:
         return {f.name: float(math.sqrt(v)) for f, v in zip(self.free, np.diag(self.covariance), strict=True)}
 
 
-def part_of(log: Log, rig: Rig, number: int, breaks: Breaks) -> Part | None:
-    """A log ready to be fitted, or None where it holds no move that can be simulated from a rest."""
+def part_of(log: Log, rig: Rig, number: int, breaks: Breaks, share: float = 1.0) -> Part | None:
+    """A log ready to be fitted, or None where it holds no move that can be simulated from a rest.
+
+    share: of its moves that is taken (`spread_moves`).
+    """
     moves = [m for m in moves_from_rest(log) if not _has_gap(log, m)]
     try:
-        experiment = prepare([log], rig, [moves])
+        experiment = prepare([log], rig, [moves], share)
     except ValueError:
         return None
-    ends = [_still_from(log, _move_at(moves, experiment, m), rig.model) for m in range(experiment.moves)]
+    w = speed_of(log, rig.model)
+    ends = [_still_from(log, w, _move_at(moves, experiment, m), rig.model) for m in range(experiment.moves)]
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
     if breaks.stop_high is None and breaks.stop_low is None:
         silent |= {"C", "E"}
@@ -115,10 +119,10 @@ def _move_at(moves: Sequence[Segment], experiment: Experiment, m: int) -> Segmen
     return next(move for move in moves if move.start == begin)
 
 
-def _still_from(log: Log, move: Segment, model: Model) -> int:
-    """First row of a stop that is left out: the motor is nearly still there."""
+def _still_from(log: Log, w: Array, move: Segment, model: Model) -> int:
+    """First row of a stop that is left out: the motor, whose speed is w (n,), is nearly still there."""
     brake = move.stop - int(abs(move.peak) / (model["accel_cmd"] or math.inf) * log.rate_hz) - 2
-    speed = np.sign(move.peak) * speed_of(log, model)[max(brake, move.start) : move.end]
+    speed = np.sign(move.peak) * w[max(brake, move.start) : move.end]
     slow = np.flatnonzero(speed < min(_STILL, 0.2 * abs(move.peak)))
     return max(brake, move.start) + int(slow[0]) if slow.size else move.end
 
@@ -343,10 +347,11 @@ class _Joint:
         ]
         off = [(values, nuisance + by) for by in np.diag(NUISANCE_STEP)]
         readings = _predict_each(part, self.plant, there + off)
-        changes = [r - (part.experiment.z - y) * part.experiment.weight for y in readings]
-        for j, change in zip(known, changes, strict=False):
-            columns[j] = change * (self.free[j].step / step[j])
-        around[:] = changes[len(known) :]
+        places = [*(columns[j] for j in known), *around]
+        for place, y in zip(places, readings, strict=True):
+            place[:] = r - (part.experiment.z - y) * part.experiment.weight
+        for j in known:
+            columns[j] *= self.free[j].step / step[j]
 
 
 def _touches(name: str, part: Part) -> bool:
@@ -358,7 +363,7 @@ def fit_parts(
 ) -> JointFit:
     """Gauss-Newton from `values` on; a parameter at its bound stays there."""
     problem = _Joint(parts, plant, tuple(free))
-    found = search(problem, values, np.zeros((problem.bounds.size - 1, 2)))
+    found = search(problem, values, np.zeros((problem.bounds.size - 1, 2)))._replace(columns=np.empty(0))
     point = found.point
     columns, around = problem.columns(point)
     r = [point.residuals[rows] for rows in problem.rows]

@@ -5,7 +5,7 @@ measured. Two numbers per move are free: the current that holds the mass at rest
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
-from observer_fi.logs import log_phases, moves_from_rest
+from observer_fi.logs import log_phases, moves_from_rest, with_command
 from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rest, Rig, corners, quarters
 from observer_fi.physics import equations as a
@@ -37,6 +37,7 @@ _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second 
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
 _FEWEST = 100  # settled samples for an estimate of the noise
+MOST_ROWS = 300_000  # samples of moves that are fitted at once: three minutes of motion at 1600 Hz
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
 
@@ -121,9 +122,55 @@ def _white_std(second: Array) -> float:
     return float(np.sqrt(np.mean(y[usual] ** 2) / 6.0))
 
 
-def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | None = None) -> Experiment:
+def samples_of(moves: Iterable[Segment]) -> int:
+    """Samples in which something moves."""
+    return sum(m.stop - m.start for m in moves)
+
+
+def share_of(moves: Iterable[Sequence[Segment]], most: float = MOST_ROWS) -> float:
+    """How much of the moves of several logs is taken where at most so many samples are."""
+    return min(most / max(sum(map(samples_of, moves)), 1), 1.0)
+
+
+def spread_moves(moves: Sequence[Segment], share: float) -> list[int]:
+    """Numbers of the moves of one log that are taken, at least one: all, or a share of their samples, from everywhere.
+
+    They are drawn, always alike: every second move of a log that goes to and fro would be one direction.
+    """
+    if share >= 1.0:
+        return list(range(len(moves)))
+    left, taken = share * samples_of(moves), []
+    for m in np.random.default_rng(0).permutation(len(moves)).tolist():
+        left -= samples_of([moves[m]])
+        if left >= 0.0 or not taken:
+            taken.append(m)
+    return sorted(taken)
+
+
+def too_many_moves(logs: Sequence[Log], rig: Rig, most: int = MOST_ROWS) -> str:
+    """What to say of logs with more moves than are fitted at once, "" of others."""
+    if not rig.driven.servo or sum(log.t.size for log in logs) <= most:
+        return ""
+    moves = [moves_from_rest(with_command(log, rig.model)) for log in logs]
+    share = share_of(moves, most)
+    if share >= 1.0:
+        return ""
+    taken = sum(len(spread_moves(each, share)) for each in moves)
+    return (
+        f"{sum(map(len, moves))} moves are more than are fitted at once ({most} samples): {taken} of them, drawn from "
+        "the whole of each log, are learned from"
+    )
+
+
+def prepare(
+    logs: Sequence[Log],
+    rig: Rig,
+    moves: Sequence[Sequence[Segment]] | None = None,
+    share: float | None = None,
+) -> Experiment:
     """Moves of several logs as one experiment. moves: per log, by default from `moves_from_rest`.
 
+    share: of the moves that is taken (`spread_moves`), by default what `MOST_ROWS` leaves room for.
     A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
     """
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
@@ -131,10 +178,12 @@ def prepare(logs: Sequence[Log], rig: Rig, moves: Sequence[Sequence[Segment]] | 
     steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
     noise = noise_of(logs, rig)
     codes = [log_phases(log, rig.model) for log in logs]
+    share = share_of(cut) if share is None else share
     every = [
-        _part(log, k, m, segments, noise, rig.model, codes[k])
+        _part(log, k, m, segments, noise, rig.model, codes[k], dt)
         for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
-        for m in range(len(segments))
+        for dt in (float(np.median(np.diff(log.t))),)
+        for m in spread_moves(segments, share)
     ]
     parts = [part for part in every if part is not None]
     if not parts:
@@ -203,10 +252,10 @@ def _part(
     noise: Array,
     model: Model,
     phase: NDArray[np.int8],
+    dt: float,
 ) -> dict | None:
     """One move as rows of an experiment, or None where it has no rest to start from."""
     segment = segments[m]
-    dt = float(np.median(np.diff(log.t)))
     rest = max(segment.rest, segment.start - round(REST_S / dt), 0)
     end = min(segment.end, segment.stop + round(TAIL_S / dt), log.t.size)
     still = log.z[rest : segment.start]

@@ -99,12 +99,16 @@ class _OutputError:
         r, open_ = point.residuals, [f for f in self.free if f.name not in self.known]
         step = {f.name: f.step if model[f.name] + f.step <= f.high else -f.step for f in open_}
         beside = [override(model, model.name, **{name: model[name] + by}) for name, by in step.items()]
-        columns = dict(self.known)
         readings = simulate_each(self.experiment, beside, [point.nuisance] * len(beside))
-        for f, y in zip(open_, readings, strict=True):
-            there = whitened(self.experiment, (self.experiment.z - y) * self.experiment.weight)
-            columns[f.name] = (r - there) * (f.step / step[f.name])
-        return np.array([columns[f.name] for f in self.free]).reshape(len(self.free), *r.shape)
+        columns = np.empty((len(self.free), *r.shape))
+        made = iter(readings)
+        for column, f in zip(columns, self.free, strict=True):
+            if f.name in self.known:
+                column[:] = self.known[f.name]
+                continue
+            there = whitened(self.experiment, (self.experiment.z - next(made)) * self.experiment.weight)
+            column[:] = (r - there) * (f.step / step[f.name])
+        return columns
 
 
 def fit(

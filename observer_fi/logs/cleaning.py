@@ -133,12 +133,18 @@ def _in_units(block: Block, column_map: ColumnMap) -> Block:
     values = {}
     with np.errstate(over="ignore"):
         for column, raw in block.values.items():
-            factor = column_map.source(column).factor
-            values[column] = raw if factor == 1.0 else raw * factor
+            factor, plain = column_map.source(column).factor, _quiet(raw)
+            values[column] = plain if factor == 1.0 else plain * factor
     time, limit = values["time_s"], column_map.limit("time_s")
     if not (np.abs(time) <= limit).all():
         values["time_s"] = np.where(np.abs(time) > limit, np.inf, time)
     return _with_values(block._replace(values=values))
+
+
+def _quiet(values: Array) -> Array:
+    """The same values with one kind of NaN: a signalling one, which binary files can hold, warns at every operation."""
+    missing = np.isnan(values)
+    return np.where(missing, np.nan, values) if missing.any() else values
 
 
 def _with_values(block: Block) -> Block:

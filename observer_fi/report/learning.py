@@ -22,8 +22,10 @@ from observer_fi.report.diagnosis import environment, json_text, number, version
 Gain = tuple[DiagnosisGain, DiagnosisGain] | None
 
 
-def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -> dict[str, str]:
-    """Everything that one improve report consists of, {file name: text}.
+def improve_files(
+    record: Improvement, gain: Gain, name: str, logs: list[str], note: str = ""
+) -> dict[str, str]:
+    """Everything that one improve report consists of, {file name: text}. note: what else to say of the logs.
 
     gain: `diagnose` with either rig, None where it cannot tell this rig's faults.
     """
@@ -31,7 +33,7 @@ def improve_files(record: Improvement, gain: Gain, name: str, logs: list[str]) -
     disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
-        record=record, gain=gain, name=name, logs=logs, figures=drawn, headline=improve_headline(record), words=plain,
+        record=record, gain=gain, name=name, logs=logs, note=note, figures=drawn, headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
         likeness=likeness(record),
@@ -160,13 +162,16 @@ def improve_headline(record: Improvement) -> str:
 
 
 def identify_files(
-    fit: Fit, rig: Rig, identified: Rig, by_phase: Mapping[str, Array], name: str, logs: list[str]
-) -> dict[str, str]:
-    """Everything that one identify report consists of, {file name: text}. by_phase: mean square of the residuals, (3,)."""
+    fit: Fit, rig: Rig, identified: Rig, by_phase: Mapping[str, Array], name: str, logs: list[str],
+    note: str = "",
+) -> dict[str, str]:  # fmt: skip
+    """Everything that one identify report consists of, {file name: text}. by_phase: mean square of the residuals, (3,);
+    note: what else to say of the logs.
+    """
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, figures=drawn, value=value, versions=versions(),
+        fit=fit, rig=rig, name=name, logs=logs, note=note, figures=drawn, value=value, versions=versions(),
         by_phase=by_phase, left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
     return {

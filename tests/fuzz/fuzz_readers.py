@@ -13,6 +13,7 @@ import resource
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -321,6 +322,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="of each target, at most")
     parser.add_argument("--finds", type=Path, default=Path("finds"))
     given = parser.parse_args()
+    warnings.simplefilter("error")  # shown once a place by default: all but the first would be missed
     found = 0
     for target in TARGETS if given.target == "all" else [given.target]:
         outcomes = fuzz(target, given.count, given.seed, given.finds, given.seconds)

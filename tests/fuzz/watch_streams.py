@@ -11,6 +11,7 @@ import random
 import resource
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ from observer_fi.physics import Scenario, csv_bytes, load_rig, synthesise
 from observer_fi.physics.scenario import Move
 from observer_fi.records import Event
 from observer_fi.serve import Options, Watch
+from observer_fi.serve.watch import warm_up
 from observer_fi.settings import Settings
 from observer_fi.verdict import log_verdict
 
@@ -126,10 +128,11 @@ def one(data: bytes, options: Options, rng: random.Random, kind: type[Watch]) ->
     out, said = io.StringIO(), []
     flow = kind(options, "stream", out, said.append)
     try:
-        while data:
-            size = rng.choice((1, 61, 4099, 1 << 16)) if len(data) < 20_000 else 1 << 16
-            flow.take(data[:size])
-            data = data[size:]
+        at = 0
+        while at < len(data):
+            size = rng.choice((1, 61, 4099, 1 << 16)) if len(data) - at < 20_000 else 1 << 16
+            flow.take(data[at : at + size])
+            at += size
         flow.finish("the stream ended")
     except InvalidLogError as error:
         assert "\n" not in str(error), "a refusal of more than one line"
@@ -145,9 +148,13 @@ def one(data: bytes, options: Options, rng: random.Random, kind: type[Watch]) ->
 
 def run(inputs: int, seed: int, banks: float, finds: Path, seconds: float = 1e9) -> tuple[Counter, float]:
     """What became of so many inputs, counted, and the longest time of one [s]; what broke something is kept in `finds`."""
-    rng, rig, counts, slowest, begin = random.Random(seed), load_rig(), Counter(), 0.0, time.monotonic()
+    rng, rig, counts, slowest = random.Random(seed), load_rig(), Counter(), 0.0
     maps = (PLAIN, ColumnMap(missing=("-999",)), ColumnMap(data_line=5))
     right = seeds()
+    warm_up(
+        Options(rig, Settings())
+    )  # compiles where nothing is compiled yet, as the command does before its first line
+    begin = time.monotonic()
     for k in range(inputs):
         data = mutated(rng.choice(right), rng)
         options = Options(
@@ -182,6 +189,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--finds", type=Path, default=Path("finds"))
     args = parser.parse_args()
+    warnings.simplefilter("error")  # shown once a place by default: all but the first would be missed
     counts, slowest = run(args.inputs, args.seed, args.banks, args.finds, args.seconds)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     print(f"{sum(counts.values())} inputs, slowest {slowest:.2f} s, peak {peak / 1e6:.0f} MB")

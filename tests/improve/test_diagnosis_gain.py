@@ -2,10 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 from campaigns import campaign
 
-from observer_fi.improve.diagnosis_gain import DiagnosisGain, measure_diagnosis_gain
+from observer_fi.improve.diagnosis_gain import DiagnosisGain, measure_diagnosis_gain, pieces
+from observer_fi.logs import moves_from_rest
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.settings import Settings
 
@@ -33,3 +35,12 @@ def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[DiagnosisGa
     assert after.delay_s["overload"] < 0.06 and after.delay_s["coupling_loss"] < 0.02
     slow = before.delay_s["overload"]
     assert math.isnan(slow) or slow > after.delay_s["overload"]
+
+
+def test_a_long_log_is_judged_in_parts_that_begin_at_a_rest() -> None:
+    log = campaign(PLANT, seed=11)
+    assert [part.t.size for part in pieces(log)] == [log.t.size]
+    parts = pieces(log, log.t.size // 4)
+    assert len(parts) > 2 and np.array_equal(np.concatenate([part.z for part in parts]), log.z)
+    assert sum(len(moves_from_rest(part)) for part in parts) == len(moves_from_rest(log))
+    assert all(not part.w_cmd[[0, -1]].any() for part in parts)

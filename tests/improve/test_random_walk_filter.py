@@ -121,3 +121,11 @@ def test_parameters_beside_the_disturbance_are_those_of_least_squares():
             likelihood(linear, moved, 0, 0.0, MEMORY)[0] - prior
             < likelihood(linear, there, 0, 0.0, MEMORY)[0]
         )
+
+
+def test_a_filter_that_breaks_down_is_the_least_likely() -> None:
+    linear, series = problem()
+    spoilt = series.y.copy()
+    spoilt[:, :, 1] *= 1e200
+    found, best = likelihood(linear, series._replace(y=spoilt), 0, SIZE, MEMORY)
+    assert found == -np.inf and not best.any() and best.size == 2

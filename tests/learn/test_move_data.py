@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observer_fi.learn import move_data as ex
-from observer_fi.logs.moves import Phase, log_phases
+from observer_fi.logs.moves import Phase, log_phases, moves_from_rest
 from observer_fi.physics import simulation as sim
 from observer_fi.physics.rigs import Model, load_rig, override
 from observer_fi.physics.scenario import Move, Scenario, synthesise
@@ -72,3 +72,27 @@ def test_rows_of_a_fit_have_the_phases_of_their_log() -> None:
     some = ex.select(experiment, [2, 0])
     np.testing.assert_array_equal(some.phase, codes[np.searchsorted(log.t, some.t)])
     assert set(experiment.phase) == set(Phase)
+
+
+def test_too_many_moves_are_drawn_from_the_whole_of_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = moves()
+    segments, whole = moves_from_rest(log), ex.prepare([log], RIG)
+    assert ex.spread_moves(segments, 1.0) == [0, 1, 2] and ex.too_many_moves([log], RIG) == ""
+    monkeypatch.setattr(ex, "MOST_ROWS", ex.samples_of(segments) - 1)
+    assert ex.share_of([segments, segments], ex.samples_of(segments)) == 0.5
+    said = ex.too_many_moves([log], RIG, ex.MOST_ROWS)
+    taken = ex.spread_moves(segments, 0.99)
+    assert said.startswith("3 moves are more than are fitted at once") and f": {len(taken)} of them" in said
+    few = ex.prepare([log], RIG, share=0.99)
+    assert few.moves == len(taken) < 3
+    for k, m in enumerate(
+        taken
+    ):  # as they are among all: with the direction of the move before, and its place in the log
+        assert (few.before[k], few.start[k]) == (whole.before[m], whole.start[m])
+        np.testing.assert_array_equal(few.z[few.rows(k)], whole.z[whole.rows(m)])
+    assert len(ex.spread_moves(segments, 1e-9)) == 1
+    many = segments * 200
+    drawn_moves = np.array(ex.spread_moves(many, 0.3))
+    assert 0.25 < drawn_moves.size / len(many) < 0.33
+    assert np.histogram(drawn_moves, 6, (0, len(many)))[0].min() > 15  # from everywhere
+    assert np.bincount(drawn_moves % 3).min() > 40  # and of every kind

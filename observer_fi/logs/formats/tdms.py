@@ -226,4 +226,5 @@ def _part(channel: Any, at: OnClock, start: int, count: int) -> Array:
     samples = np.asarray(channel.read_data(offset=first, length=last - first + 1))
     if samples.size != last - first + 1 or samples.dtype.kind not in "iuf":
         raise ValueError(f"channel {channel.name!r} holds fewer samples than it says")
-    return on_clock(samples.astype(np.float64), first, at, start, count)
+    with np.errstate(invalid="ignore"):  # a signalling NaN
+        return on_clock(samples.astype(np.float64), first, at, start, count)

@@ -97,15 +97,20 @@ class _Reader:
         self.line = self.blank = self.bad = self.good = 0
         separator = layout.separator.encode()
         self.edges = (separator + b'"', b'"' + separator, b'\n"', b'"\n')
+        self.opening = separator + b'"'
         self.weird = re.compile(rb'[^\n"%b]"[^\n"%b]' % ((re.escape(layout.separator.encode()),) * 2))
 
     def block(self, text: bytes) -> Block:
         text, there = _utf8(text), text.count(b"\n")
         lines = _Lines(text, np.arange(self.line + 1, self.line + there + 1), [], 0)
-        found = None if self._strange_quotes(text) else self._plainly(lines, '"')
+        found = None
+        if not self._opens_quotes(text):
+            found = self._plainly(lines, False)
+        elif not self._strange_quotes(text):
+            found = self._plainly(lines, '"')
         if found is None:
             lines = self._judged(text)
-            found = self._plainly(lines, False)
+            found = self._plainly(lines, False, judged=True)
         if found is None:
             raise self._not_a_number(lines)
         self.line, self.blank = self.line + there, self.blank + lines.blank
@@ -113,16 +118,18 @@ class _Reader:
         self._check(found)
         return found
 
+    def _opens_quotes(self, text: bytes) -> bool:
+        """Whether a field begins with a quote; where none does, a quote is a character like any other, 5" for one."""
+        return b'"' in text and (self.opening in text or b'\n"' in text or text.startswith(b'"'))
+
     def _strange_quotes(self, text: bytes) -> bool:
         """Whether there are quotes within a field, or one that is never closed: arrow would read on behind it."""
         quotes = text.count(b'"')
-        if not quotes:
-            return False
         at_edges = sum(map(text.count, self.edges)) + text.startswith(b'"')
         return quotes % 2 == 1 or (at_edges != quotes and self.weird.search(text) is not None)
 
-    def _plainly(self, lines: _Lines, quote: str | bool) -> Block | None:
-        """The block if arrow makes one row of every line, else None."""
+    def _plainly(self, lines: _Lines, quote: str | bool, judged: bool = False) -> Block | None:
+        """The block if arrow makes one row of every line, else None. judged: lines that are none, or comments, are out."""
         import pyarrow as pa
 
         short: list[Any] = []
@@ -132,7 +139,7 @@ class _Reader:
             return None
         good = table.num_rows if table is not None else 0
         wrong = [(row.number - 1, row.actual_columns) for row in short]
-        if good + len(wrong) != lines.rows.size or (quote and any(self._curable(row) for row in short)):
+        if good + len(wrong) != lines.rows.size or (not judged and any(self._curable(row) for row in short)):
             return None
         kept = np.delete(lines.rows, [k for k, _ in wrong])
         left_out = [
@@ -159,7 +166,9 @@ class _Reader:
             if not line.strip(b" \t\x0b\x0c"):
                 blank += 1
                 continue
-            plain_line, reason = self._row(line, row) if line[:1] in b'#"' or b'"' in line else (line, "")
+            plain_line, reason = (
+                self._row(line, row) if line[:1] == b"#" or self._opens_quotes(line) else (line, "")
+            )
             if reason:
                 left_out.append(Rejected(row, "time_s", f"row left out: {reason}"))
                 continue
@@ -177,6 +186,8 @@ class _Reader:
             fields = next(csv.reader([text], delimiter=separator, strict=True))
         except csv.Error:
             return line, "a quote is not closed, or stands within a field"
+        if text.count(separator) == len(fields) - 1:
+            return separator.join(fields).encode("utf-8", "surrogateescape"), ""
         for column, k in self.layout.used.items():
             if k < len(fields) == self.layout.fields and separator in fields[k]:
                 where = self.layout.first_line + row - 1
