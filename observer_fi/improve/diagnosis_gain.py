@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -93,5 +93,5 @@ def pieces(log: Log, rows: int = CHUNK_ROWS) -> list[Log]:
 
 
 def _part(log: Log, rows: slice) -> Log:
-    samples = {name: getattr(log, name) for name in _SAMPLES}
+    samples: dict[str, Any] = {name: getattr(log, name) for name in _SAMPLES}
     return replace(log, **{name: None if given is None else given[rows] for name, given in samples.items()})

@@ -139,7 +139,8 @@ def spread_moves(moves: Sequence[Segment], share: float) -> list[int]:
     """
     if share >= 1.0:
         return list(range(len(moves)))
-    left, taken = share * samples_of(moves), []
+    left = share * samples_of(moves)
+    taken: list[int] = []
     for m in np.random.default_rng(0).permutation(len(moves)).tolist():
         left -= samples_of([moves[m]])
         if left >= 0.0 or not taken:
@@ -151,7 +152,7 @@ def too_many_moves(logs: Sequence[Log], rig: Rig, most: int = MOST_ROWS) -> str:
     """What to say of logs with more moves than are fitted at once, "" of others."""
     if not rig.driven.servo or sum(log.t.size for log in logs) <= most:
         return ""
-    moves = [moves_from_rest(with_command(log, rig.model)) for log in logs]
+    moves = [moves_from_rest(with_command(log, rig)) for log in logs]
     share = share_of(moves, most)
     if share >= 1.0:
         return ""
