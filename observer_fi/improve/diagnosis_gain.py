@@ -93,5 +93,6 @@ def pieces(log: Log, rows: int = CHUNK_ROWS) -> list[Log]:
 
 
 def _part(log: Log, rows: slice) -> Log:
-    samples: dict[str, Any] = {name: getattr(log, name) for name in _SAMPLES}
-    return replace(log, **{name: None if given is None else given[rows] for name, given in samples.items()})
+    given = {name: getattr(log, name) for name in _SAMPLES}
+    samples: dict[str, Any] = {name: None if every is None else every[rows] for name, every in given.items()}
+    return replace(log, **samples)
