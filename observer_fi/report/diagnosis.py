@@ -15,6 +15,7 @@ from observer_fi.report.result_folder import Made, write_result
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
+_CERTAIN = 0.95  # from here on the page calls a verdict sure
 
 NAMES = {label: row.title for label, row in FAULTS.items()} | {NOT_TESTED: "Not tested"}
 
@@ -228,7 +229,10 @@ def doubts(outcome: Outcome) -> list[str]:
     found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
     if verdict.isolated_s is None and verdict.label != NOMINAL:
         found.append(
-            "The verdict never stayed above 95 % until the end of its move: a longer move would settle it."
+            "While it ran, no hypothesis of the bank said so: curves below show what they thought, the verdict is that of the "
+            "whole move, looked at afterwards."
+            if verdict.probability > _CERTAIN
+            else "The verdict never stayed above 95 % until the end of its move: a longer move would settle it."
         )
     if log.notes:
         found.append("The log has notes, listed below, that bear on what can be known from it.")
