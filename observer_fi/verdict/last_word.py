@@ -63,29 +63,30 @@ class LastWord:
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""
         self.asked[event.label] += 1
-        move = self._move(event, bank)
+        whole = self._move(event, bank)
         doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
-        if move is None or doubted is None:
+        if whole is None or doubted is None:
             return event
-        whole, first = move
         for before in BEFORE_S:
             since = max(event.start_s, doubted - before)
             begins = np.searchsorted(whole.window.t, (since, doubted + AFTER_S))
             paths = whole.paths(int(begins[0]), int(begins[1]))
-            stories = [story for p in paths if self._fits(p, whole, first) for story in self._stories(p)]
+            stories = self._told_by(paths, whole, event)
             best = max((path.begin for path in paths[:1]), default=0)
             if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
                 break
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
-        nothing = all(path.gain < self.settings.move_nats or _passes(path, whole, first) for path in paths)
+        nothing = all(
+            path.gain < self.settings.move_nats or _passes(path, whole, event.start_s) for path in paths
+        )
         named = event.label not in (NOMINAL, UNKNOWN)
         if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected:
             return _healthy(event)
         return event
 
-    def _move(self, event: Event, bank: Bank) -> tuple[WholeMove, float] | None:
-        """The move from a rest before it to its last sample under way, and when it starts [s]."""
+    def _move(self, event: Event, bank: Bank) -> WholeMove | None:
+        """The move from a rest before it to its last sample under way."""
         recent = bank.recent
         starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
         if recent is None or not starts or recent.t[0] > starts[-1][0] + 1e-9:
@@ -97,17 +98,24 @@ class LastWord:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
         window = recent.cut(first, int(under_way[-1]) + 1)
-        return WholeMove(self.hypotheses, window, memory, self.filters), event.start_s
+        return WholeMove(self.hypotheses, window, memory, self.filters)
 
-    def _fits(self, path: Path, whole: WholeMove, start_s: float) -> bool:
-        """Whether the path wins, the whole move fits it, and it is more than the ring of a start."""
-        if (
-            _passes(path, whole, start_s)
-            or path.gain < self.settings.move_nats
-            or path.nis > FITS * whole.expected
-        ):
+    def _told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
+        """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called."""
+        if not paths or not self._fits(paths[0], whole, event):
+            return []
+        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p)]
+
+    def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
+        """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
+
+        Another name than the bank's needs motion before the fault that nominal explains.
+        """
+        if _passes(path, whole, event.start_s) or path.gain < self.settings.move_nats:
             return False
-        return self._clean(path, whole, start_s)
+        if path.nis > FITS * whole.expected:
+            return False
+        return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
 
     def _stories(self, path: Path) -> Iterator[Story]:
         """What a path may be called: the fault that it was made for, or one that is a special case of it.

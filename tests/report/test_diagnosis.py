@@ -108,7 +108,7 @@ def test_the_page_opens_with_the_verdict_and_needs_no_network(outcome: Outcome) 
     html = report.files(outcome, RIG)["report.html"]
     text = visible_text(html)
     names = {"nominal": "No fault", "overload": "Overload", "coupling_loss": "Coupling loss", "sensor_fault": "Sensor fault",
-             "unknown": "Unknown fault"}  # fmt: skip
+             "unknown": "Unknown fault", "slip": "Slip", "jam": "Jam"}  # fmt: skip
     headline = text[: text.index(outcome.explanation)]
     assert [name for name in names.values() if name in headline] == [names[outcome.isolation.verdict.label]]
     assert text.index(outcome.explanation) < text.index("The evidence")
