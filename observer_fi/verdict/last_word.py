@@ -101,8 +101,13 @@ class LastWord:
         return WholeMove(self.hypotheses, window, memory, self.filters)
 
     def _told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
-        """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called."""
+        """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.
+
+        A load and a slip at will fit everything: no verdict that the bank is sure of gives way to them.
+        """
         if not paths or not self._fits(paths[0], whole, event):
+            return []
+        if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
             return []
         return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p)]
 
