@@ -81,7 +81,7 @@ class LastWord:
             path.gain < self.settings.move_nats or _passes(path, whole, event.start_s) for path in paths
         )
         named = event.label not in (NOMINAL, UNKNOWN)
-        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected:
+        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
             return _healthy(event)
         return event
 
@@ -118,7 +118,7 @@ class LastWord:
         """
         if _passes(path, whole, event.start_s) or path.gain < self.settings.move_nats:
             return False
-        if path.nis > FITS * whole.expected:
+        if path.nis > FITS * whole.expected(path.hypothesis):
             return False
         return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
 
@@ -170,7 +170,7 @@ class LastWord:
         first = int(np.searchsorted(whole.window.t, start_s))
         before = whole.nis[first : path.begin]
         enough = before.size > 0 and whole.window.t[path.begin] - start_s >= CLEAN_S
-        return enough and float(before.mean()) <= FITS * whole.expected
+        return enough and float(before.mean()) <= FITS * whole.expected(whole.nominal)
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""

@@ -83,7 +83,11 @@ class WholeMove:
         if last <= first:
             return found
         for look in (self.n, *reversed(self.looks)):
-            good = {(p.hypothesis.name, p.begin // STRIDE) for p in found if p.nis < WELL * self.expected}
+            good = {
+                (p.hypothesis.name, p.begin // STRIDE)
+                for p in found
+                if p.nis < WELL * self.expected(p.hypothesis)
+            }
             begins = [
                 self._refined(h, k, look)
                 for h, k in self._promising(first, last, look)
@@ -97,10 +101,10 @@ class WholeMove:
                     found.append(self._ended(b)._replace(first=b.first, last=b.last))
         return sorted(found, key=lambda path: -path.gain)
 
-    @property
-    def expected(self) -> float:
-        """Readings of a sample, on average: what the NIS is expected to be."""
-        return float(np.isfinite(self.window.z).sum(axis=1).mean())
+    def expected(self, h: Hypothesis) -> float:
+        """Readings of a sample that a hypothesis believes, on average: what its NIS is expected to be."""
+        there = np.isfinite(self.window.z).mean(axis=0)
+        return float(there.sum() - (there[h.failed] if h.failed >= 0 else 0.0))
 
     def _promising(self, first: int, last: int, look: int) -> list[tuple[Hypothesis, int]]:
         """Hypotheses and begins that are good over the next `look` samples.
