@@ -19,16 +19,11 @@ from observer_fi.verdict.onset import ROOM, Entry, Filters
 STRIDE = 16  # samples between the memories that are kept of a filter
 CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
 TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
-LOOKS_S = (
-    0.03,
-    0.125,
-    1.0,
-)  # after a begin by which a fault that comes for a while shows; beside them the whole move
+# After a begin, by which a fault that comes for a while shows; beside them the whole move.
+LOOKS_S = (0.03, 0.125, 1.0)
 LEFT = 32  # samples of the move that a fault must have
-WELL, HOPELESS = (
-    1.2,
-    0.7,
-)  # a path fits below this times the expected NIS; a begin is not followed below this share of the best
+# A path fits below this times the expected NIS; a begin is not followed below this share of the best.
+WELL, HOPELESS = 1.2, 0.7
 KEPT = 5  # hypotheses of each look that are followed to the end
 
 
