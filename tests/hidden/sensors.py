@@ -61,11 +61,7 @@ def needs_history(sensors: Sensors) -> bool:
 
 def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: Logger, fault: Fault, rng):
     """The log of the contract, section 1. motion: at `times` [s] or denser; pitch [deg], command [rad/s]."""
-    clean = {
-        "voltage": _voltage(motion, times, Rs, sensors),
-        "current": _at(motion, motion.current, times) * (1.0 + sensors.current_gain) + sensors.current_offset,
-        "position": _position(motion, times, pitch, sensors),
-    }
+    clean = {channel: clean_channel(motion, channel, times, pitch, Rs, sensors) for channel in COLUMNS}
     noise = {
         "voltage": logger.voltage_noise_v * rng.standard_normal(times.size),
         "current": logger.current_noise_a * rng.standard_normal(times.size),
@@ -75,14 +71,28 @@ def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: 
     for channel, column in COLUMNS.items():
         at_onset = 0.0 if fault.onset_s is None else np.interp(fault.onset_s, times, clean[channel])
         seen = spoil_channel(fault, channel, times, clean[channel], noise[channel], at_onset)
-        columns[column] = _rounded(seen, STEPS[channel])
+        columns[column] = rounded(seen, STEPS[channel])
     pitch_noise = logger.pitch_noise_deg * rng.standard_normal(times.size)
-    columns["pitch_deg"] = _rounded(pitch + sensors.pitch_offset + pitch_noise, 1e-3)
-    columns["speed_cmd_rad_s"] = _rounded(command, 1e-6)
+    columns["pitch_deg"] = rounded(pitch + sensors.pitch_offset + pitch_noise, 1e-3)
+    columns["speed_cmd_rad_s"] = rounded(command, 1e-6)
     if logger.log_encoder:
-        edge = 2 * np.pi / logger.encoder_edges
-        columns["encoder_rad"] = np.round(np.floor(_at(motion, motion.angle, times) / edge) * edge, 6)
+        columns["encoder_rad"] = encoder_reading(motion, times, logger)
     return pd.DataFrame(columns)
+
+
+def clean_channel(motion: Motion, channel: str, times, pitch, Rs, sensors: Sensors):
+    """What the sensor of `channel` gives at `times` [s], without noise and rounding. pitch [deg]: at those times."""
+    if channel == "voltage":
+        return _voltage(motion, times, Rs, sensors)
+    if channel == "current":
+        return _at(motion, motion.current, times) * (1.0 + sensors.current_gain) + sensors.current_offset
+    return _position(motion, times, pitch, sensors)
+
+
+def encoder_reading(motion: Motion, times, logger: Logger):
+    """The servo's own angle in quadrature steps [rad]."""
+    edge = 2 * np.pi / logger.encoder_edges
+    return np.round(np.floor(_at(motion, motion.angle, times) / edge) * edge, 6)
 
 
 def _voltage(motion, times, Rs, sensors):
@@ -116,6 +126,6 @@ def _at(motion, values, times):
     return np.interp(times, motion.time, values)
 
 
-def _rounded(values, step):
+def rounded(values, step):
     """Multiples of `step`, without the float dust that a plain product leaves and without minus zero."""
     return np.round(np.round(values / step) * step, int(round(-np.log10(step)))) + 0.0

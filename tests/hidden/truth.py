@@ -5,11 +5,13 @@ Shares no code with the package under test: own integrator, own stick-slip, own 
 
 import gzip
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from .acquisition import Acquisition, Scene, record_through, true_sizes
 from .effects import ALL, Effect, fields_of
 from .faults import DEFAULT_SIZES, NO_FAULT, Fault, faulty_plant
 from .plant import Motion, Plant, Servo, run
@@ -65,6 +67,25 @@ def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
         goal = spec.rig.D * travel_at(spec.profile, spec.rig.accel, times)
         frame = frame.drop(columns="speed_cmd_rad_s").assign(position_cmd_m=np.round(goal, 10))
     return frame, _truth(spec, seed, stops)
+
+
+def make_log_through(acquisition: Acquisition, spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
+    """As `make_log`, recorded by a logger as it is, whose noise and rate count; the truth has `true_sizes` as "acquisition"."""
+    if spec.Kx > 0.0:
+        raise ValueError("a position servo's command is not recorded through a logger as it is")
+    spec = replace(spec, logger=replace(spec.logger, rate_hz=acquisition.clock.rate_hz))
+    motion, stops = _simulate(spec, dense=True)
+    scene = Scene(
+        motion,
+        partial(pitch_at, spec.profile),
+        partial(command_at, spec.profile, spec.rig.accel),
+        spec.rig.Rs,
+        Sensors(**fields_of(spec.effects, "sensors")),
+        spec.logger,
+        spec.fault,
+    )
+    frame, spikes = record_through(scene, acquisition, sample_times(spec), seed)
+    return frame, {**_truth(spec, seed, stops), "acquisition": true_sizes(acquisition, spikes)}
 
 
 def true_motion(spec: TruthSpec) -> Motion:
