@@ -31,6 +31,7 @@ from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, for_readings, untested
@@ -126,6 +127,7 @@ class Diagnosis:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
         self.logged, self.acquisition = rig, None
         self.readings: Readings | None = None
+        self.set_back = SetBack(Lateness())
         self.engine, self.filter_kind = engine, filter_kind
         self._make_banks()
         modes = tuple(h.name for h in self.bank.hypotheses)
@@ -184,10 +186,16 @@ class Diagnosis:
             self.readings = Readings(self.acquisition, log.rate_hz, self.rig.noise_std)
             bank = for_readings(self.settings.bank, self.rig, log.z)
             rig = replace(self.rig, logger=self.acquisition)
-            as_filed = (rig.noise_std == self.rig.noise_std).all() and not rig.step.any()
-            self.settings, self.logged = replace(self.settings, bank=bank), self.rig if as_filed else rig
-            self._make_banks()
-        return self.readings.take(log)
+            taken = self.readings.take(log)
+            late = lateness_of(taken, rig, bank)
+            self.set_back = SetBack(late)
+            rig = set_right(rig, late, 1.0 / log.rate_hz)
+            as_filed = (rig.noise_std == self.rig.noise_std).all() and not rig.step.any() and not any(late)
+            if not as_filed or bank is not self.settings.bank:
+                self.settings, self.logged = replace(self.settings, bank=bank), self.rig if as_filed else rig
+                self._make_banks()
+            return self.set_back.take(taken)
+        return self.set_back.take(self.readings.take(log))
 
     def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
         self.path, self.memory = log.path, memory
