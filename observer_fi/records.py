@@ -77,6 +77,46 @@ class Segment(NamedTuple):
     pitch: float
 
 
+class Line(NamedTuple):
+    """A periodic disturbance of a channel, mains hum for one: its frequency [Hz] and amplitude in the channel's unit."""
+
+    hz: float
+    amplitude: float
+
+
+class ChannelTraits(NamedTuple):
+    """What a logger does to one channel, in its unit. NaN noise where there is no such channel.
+
+    noise_std: without lines and rounding; as_white: standard deviation of the white noise that says as little about what is
+    slow; resolution: the step of the readings, update_hz: how often a held one is fresh, correlation_s: of coloured noise,
+    None where there is none; spikes: how many were seen at rest.
+    """
+
+    noise_std: float
+    as_white: float
+    resolution: float | None = None
+    update_hz: float | None = None
+    lines: tuple[Line, ...] = ()
+    correlation_s: float | None = None
+    spikes: int = 0
+
+
+class Clock(NamedTuple):
+    """Jitter of time stamps and their step [s], None where they are as fine as the jitter."""
+
+    jitter_s: float
+    resolution_s: float | None
+
+
+class Acquisition(NamedTuple):
+    """What a logger does to its channels, and its clock."""
+
+    voltage: ChannelTraits
+    current: ChannelTraits
+    position: ChannelTraits
+    clock: Clock
+
+
 @dataclass(frozen=True)
 class Estimate:
     """What a bank or the mixture says at every sample, causally.

@@ -51,7 +51,7 @@ def of_failed(b, tune, r, z, row, previous, expected, variance):
             )
             y, spread = where_above(mine, 0.5, expected[c], y), where_above(mine, 0.5, variance[c], spread)
     density, mean, left = tr.failed_channel(
-        reading, before, y, spread, sqrt(noise), r.bias[0], r.bias[1], tune.failed
+        reading, before, y, spread, sqrt(noise), r.repeat[0], r.bias[0], r.bias[1], tune.failed
     )
     r.bias[0], r.bias[1] = where_above(there, 0.5, mean, r.bias[0]), where_above(there, 0.5, left, r.bias[1])
     return where_above(there, 0.5, density, 0.0)

@@ -213,7 +213,8 @@ class Observer:
         sigma = self.sigma[c]
         before = np.inf if np.isnan(self.previous[c]) else self.previous[c]
         density, *self.bias[:] = tr.failed_channel(
-            z[c], before, z[c] - off * sigma, var * sigma**2, sigma * np.sqrt(doubt[c]), *self.bias, self.tune.failed
+            z[c], before, z[c] - off * sigma, var * sigma**2, sigma * np.sqrt(doubt[c]), self.b.repeat[c], *self.bias,
+            self.tune.failed,
         )  # fmt: skip
         return float(density)
 

@@ -111,7 +111,8 @@ class BankArrays(NamedTuple):
     size (m,); layout (m, LAYOUT) of `transition.py`; parameters (m, VECTOR_SIZE); failed (m,);
     source (m, m, n): for target j, source i and state k of j the index of that state in i, or -1;
     entry_mean, entry_var (m, n): entry prior; diffusion (m, n) growth of the
-    variance per second; rates (m, m) per second; noise (3,) variance of the channels;
+    variance per second; rates (m, m) per second; noise (3,) variance of the channels, repeat (3,) how far a
+    reading that repeats itself may be from the one before, as a share of its standard deviation;
     own (m, n) constants that the nominal hypothesis does not have.
     """
 
@@ -125,6 +126,7 @@ class BankArrays(NamedTuple):
     diffusion: Array
     rates: Array
     noise: Array
+    repeat: Array
     own: np.ndarray
 
 
@@ -152,8 +154,21 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         diffusion,
         transition_rates(hypotheses, settings),
         rig.noise_std**2,
+        repeat_share(rig, settings),
         own_constants(hypotheses, n),
     )
+
+
+WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
+
+
+def repeat_share(rig: Rig, settings: BankSettings) -> Array:
+    """(3,) how far a reading that repeats itself may be from the one before, as a share of its standard deviation.
+
+    Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step.
+    """
+    fine = settings.repeat_scale * np.minimum(rig.file_noise_std, rig.noise_std)
+    return np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

@@ -26,7 +26,8 @@ class BankRows(NamedTuple):
     holds (n, L) who has a state; lacks (L, common) 1 where a source has it not; itself (m, L) 1 for hypothesis i in row i;
     parameters (VECTOR_SIZE, L); entry_mean, entry_var, diffusion (n, L); own (n, L) constants that the first hypothesis does
     not have, strained whether there are any; failed (3, L) 1 for the channel a hypothesis does not believe, failing whether
-    there is one, failed_noise (1, L) its variance, else 0; sizes (1, L) number of states; rates (m, m) per second; noise (3,);
+    there is one, failed_noise (1, L) its variance, else 0, repeat (1, L) see
+    BankArrays; sizes (1, L) number of states; rates (m, m) per second; noise (3,);
     slow_at_rest (carried, L) what a mean carries that begins (see `transition.py`), mixed whether hypotheses mix that; delays
     (2,) of voltage and position sensor [s], delayed whether there is one.
     """
@@ -51,6 +52,7 @@ class BankRows(NamedTuple):
     failed: Array
     failing: bool
     failed_noise: Array
+    repeat: Array
     sizes: Array
     rates: Array
     noise: Array
@@ -108,7 +110,7 @@ def bank_rows(hypotheses: tuple[Hypothesis, ...], b: BankArrays) -> BankRows:
         m, n, common, (0,) * L, where, at, has, np.unique(np.array(moving, dtype=np.int64)), holds,
         1.0 - holds[:common].T.copy(), np.array([(rows == i).astype(float) for i in range(m)]),
         b.parameters[rows].T.copy(), mean, var, diffusion, own, bool(own.any()), failed, bool(failed.any()),
-        (b.noise @ failed)[None], sizes, b.rates, b.noise, slow.shape[0], slow[:, rows],
+        (b.noise @ failed)[None], (b.repeat @ failed)[None], sizes, b.rates, b.noise, slow.shape[0], slow[:, rows],
         bool(b.parameters[:, equations.EXTENDED].any()), delays, bool(delays.any()),
     ))  # fmt: skip
 
@@ -144,9 +146,7 @@ SKIPPED_S = 0.1  # of a gap in the clock that LogStream did not fill, this much 
 
 def tuning(settings: BankSettings) -> Tuning:
     """The loops' numbers from the settings."""
-    failed = np.array(
-        [settings.repeat_weight, settings.repeat_scale, settings.noisy_weight, settings.noisy_scale]
-    )
+    failed = np.array([settings.repeat_weight, settings.noisy_weight, settings.noisy_scale])
     return Tuning(
         settings.timing,
         settings.agility,

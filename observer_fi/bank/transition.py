@@ -306,22 +306,22 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 @inlined
-def failed_channel(z, previous, y, spread, sigma, bias, variance, tuning):
+def failed_channel(z, previous, y, spread, sigma, repeat, bias, variance, tuning):
     """Log-density of a channel that has failed, and its bias afterwards, mean and variance.
 
     z, previous: reading now and a sample ago (infinite where there was none); y: what the state predicts, with variance
-    `spread`; sigma: the channel's noise; bias, variance: what its bias was. A failed channel is off by a slowly moving
-    bias, or repeats itself, or is noisy; tuning: (weight of repeating, its scale in sigma, weight of noise, its scale).
+    `spread`; sigma: the channel's noise, repeat: the share of it within which a reading repeats itself; bias, variance: what its bias was. A failed channel is off by a slowly moving
+    bias, or repeats itself, or is noisy; tuning: (weight of repeating, weight of noise, its scale in sigma).
     """
-    wide, narrow = tuning[3] * sigma, tuning[1] * sigma
+    wide, narrow = tuning[2] * sigma, repeat * sigma
     S = spread + variance + sigma * sigma
     noise, repeat = S + wide * wide, narrow * narrow
     e, change = z - y - bias, z - previous
     by_S, by_noise, by_repeat = e * e / S, e * e / noise, change * change / repeat
     least = where_above(by_S, by_noise, by_noise, by_S)
     least = where_above(least, by_repeat, by_repeat, least)
-    off = (1.0 - tuning[0] - tuning[2]) / sqrt(S) * exp(0.5 * (least - by_S))
-    noisy = tuning[2] / sqrt(noise) * exp(0.5 * (least - by_noise))
+    off = (1.0 - tuning[0] - tuning[1]) / sqrt(S) * exp(0.5 * (least - by_S))
+    noisy = tuning[1] / sqrt(noise) * exp(0.5 * (least - by_noise))
     still = tuning[0] / narrow * exp(0.5 * (least - by_repeat))
     total = off + noisy + still
     trust = 1.0 - noisy / total

@@ -99,6 +99,7 @@ class Rows(NamedTuple):
     own: Array
     failed: Array
     failed_noise: Array
+    repeat: Array
     sizes: Array
     slow_at_rest: Array
 
@@ -117,5 +118,5 @@ def rows_of(b, s, scr):
         side_by_side(scr.strain, L), side_by_side(scr.nis, L), side_by_side(b.has, L), side_by_side(b.holds, L),
         side_by_side(b.itself, L), side_by_side(b.parameters, L), side_by_side(b.entry_mean, L), side_by_side(b.entry_var, L),
         side_by_side(b.diffusion, L), side_by_side(b.own, L), side_by_side(b.failed, L), side_by_side(b.failed_noise, L),
-        side_by_side(b.sizes, L), side_by_side(b.slow_at_rest, L),
+        side_by_side(b.repeat, L), side_by_side(b.sizes, L), side_by_side(b.slow_at_rest, L),
     )  # fmt: skip

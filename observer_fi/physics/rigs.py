@@ -18,7 +18,7 @@ from observer_fi.physics import rig_file
 from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
-from observer_fi.records import Array, Log
+from observer_fi.records import Acquisition, Array, Log
 from observer_fi.toml_files import toml_table
 
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
@@ -40,6 +40,9 @@ _NEUTRAL = tuple(
     for at, name in enumerate(NAMES)
     if PARAMETERS[name][1] is not None and name not in _SHAPES and not is_curve(name)
 )
+
+
+NOTICED = 1.15  # times the noise of the rig file: less is the rig file's
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Rig:
     """A plant, how it is driven, and the noise of its channels.
 
     drive: one of `DRIVES`. noise: standard deviation of each channel, V, A, m. quantities: what the file gives, by
-    name of parameter; everything else is neutral.
+    name of parameter; everything else is neutral. logger: what a log has shown of the logger.
     """
 
     name: str
@@ -115,6 +118,7 @@ class Rig:
         default_factory=lambda: {"voltage": 0.01, "current": 3e-4, "position": 1e-5}
     )
     source: str = ""
+    logger: Acquisition | None = None
 
     @property
     def model(self) -> Model:
@@ -144,8 +148,27 @@ class Rig:
 
     @property
     def noise_std(self) -> Array:
-        """(3,) standard deviation of voltage [V], current [A], position [m]."""
+        """(3,) standard deviation of voltage [V], current [A], position [m] that filters assume.
+
+        That of the file, where the logger does not need clearly more.
+        """
+        usual = self.file_noise_std
+        if self.logger is None:
+            return usual
+        seen = np.array([channel.as_white for channel in self.logger[:3]])
+        return np.where(seen > NOTICED * usual, seen, usual)
+
+    @property
+    def file_noise_std(self) -> Array:
+        """(3,) what the rig file says of the noise, V, A, m."""
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
+
+    @property
+    def step(self) -> Array:
+        """(3,) step of the readings, V, A, m; 0 where they have none."""
+        return np.array(
+            [channel.resolution or 0.0 for channel in self.logger[:3]] if self.logger else [0.0] * 3
+        )
 
 
 def commanded(log: Log, rig: Rig) -> Log:

@@ -11,6 +11,8 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
+from observer_fi.logs.acquisition import acquisition_of
+from observer_fi.logs.readings import Readings
 from observer_fi.logs import (
     ABSENT,
     CHUNK_ROWS,
@@ -122,6 +124,8 @@ class Diagnosis:
         detected_at: float | None = None,
     ) -> None:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
+        self.logged, self.acquisition = rig, None
+        self.readings: Readings | None = None
         self.engine, self.filter_kind = engine, filter_kind
         self._make_banks()
         modes = tuple(h.name for h in self.bank.hypotheses)
@@ -131,12 +135,11 @@ class Diagnosis:
         self.overview, self.zoom = sketch.Overview(), Zoom()
         self.baseline = Baseline(rig, settings)
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
-        self.begun = False
         self.path = ""
         self.suspects: tuple[str, ...] | None = None
 
     def _make_banks(self) -> None:
-        rig, settings = self.rig, self.settings
+        rig, settings = self.logged, self.settings
         self.bank = make_bank(rig, settings, self.engine, self.filter_kind)
         # the onset is looked for with the compiled nominal filter, whatever the engine of the bank
         self.keeper: kernels.Bank = (
@@ -152,7 +155,7 @@ class Diagnosis:
         with ThreadPoolExecutor(1) as thread:
             before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
             for given in logs:
-                log = commanded(given, self.rig)
+                log = self._taken(commanded(given, self.rig))
                 ahead = log, thread.submit(self._advanced, log)
                 if before is not None:
                     self._judge(before[0], *before[1].result())
@@ -162,27 +165,29 @@ class Diagnosis:
 
     def add(self, log: Log) -> Estimate:
         """Take the next chunk; the bank's estimate of it."""
-        log = commanded(log, self.rig)
+        log = self._taken(commanded(log, self.rig))
         estimate, memory = self._advanced(log)
         self._judge(log, estimate, memory)
         return estimate
 
     def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
         """The bank's estimate of the next chunk, and what it remembers after it."""
-        if not self.begun:
-            self._begin(log)
         estimate = self.bank.advance(log)
         if self.keeper is not self.bank:
             self.keeper.advance(log)
         return estimate, self.keeper.memory()
 
-    def _begin(self, log: Log) -> None:
-        """Fit the bank to what the first samples show of the readings."""
-        self.begun = True
-        bank = for_readings(self.settings.bank, self.rig, log.z)
-        if bank is not self.settings.bank:
-            self.settings = replace(self.settings, bank=bank)
+    def _taken(self, log: Log) -> Log:
+        """The next chunk as filters may take it; the first one says what its logger does, and the bank is fitted to that."""
+        if self.readings is None:
+            self.acquisition = acquisition_of(log, self.rig.noise_std)
+            self.readings = Readings(self.acquisition, log.rate_hz, self.rig.noise_std)
+            bank = for_readings(self.settings.bank, self.rig, log.z)
+            rig = replace(self.rig, logger=self.acquisition)
+            as_filed = (rig.noise_std == self.rig.noise_std).all() and not rig.step.any()
+            self.settings, self.logged = replace(self.settings, bank=bank), self.rig if as_filed else rig
             self._make_banks()
+        return self.readings.take(log)
 
     def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
         self.path, self.memory = log.path, memory

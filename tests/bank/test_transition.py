@@ -309,16 +309,14 @@ def test_the_place_in_the_play_is_unknown_until_the_screw_has_crossed_it() -> No
 
 # --- a failed channel ----------------------------------------------------------------------------
 
-TUNING = np.array(
-    [SETTINGS.repeat_weight, SETTINGS.repeat_scale, SETTINGS.noisy_weight, SETTINGS.noisy_scale]
-)
+TUNING = np.array([SETTINGS.repeat_weight, SETTINGS.noisy_weight, SETTINGS.noisy_scale])
 
 
 def failed(
     z: float, previous: float, variance: float = 0.0, sigma: float = 1.0, bias: float = 0.0
 ) -> tuple[float, float, float]:
     """Log-density, and mean and variance of the bias afterwards."""
-    return tr.failed_channel(z, previous, 0.0, 0.0, sigma, bias, variance, TUNING)
+    return tr.failed_channel(z, previous, 0.0, 0.0, sigma, SETTINGS.repeat_scale, bias, variance, TUNING)
 
 
 def test_density_of_a_failed_channel_integrates_to_one() -> None:

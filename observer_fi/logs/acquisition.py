@@ -1,0 +1,266 @@
+"""What a logger does to its readings, measured from a log itself: noise, steps, holds, colour, lines, spikes, its clock.
+
+Noise, lines and colour come from rests, where nothing else moves; steps and holds from every sample. A trait is there from
+the first sample on: the rest before the first move has the say, later ones count where they look alike.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.numerics import autocorrelation, runs
+from observer_fi.records import Acquisition, Array, ChannelTraits, Clock, Line, Log
+
+Mask = NDArray[np.bool_]
+FEWEST = 100  # samples of a rest from which anything is told
+SETTLED_S = 0.3  # after a stop, until a rest is one
+SPIKE = 6.0  # standard deviations
+ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
+COARSE = 0.3  # of the noise: steps from here on are told
+MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
+HELD = 0.3  # share of repeated readings from which a channel may be held
+TICKS = 12  # changes that tell an update rate
+LINE = 25.0  # times the spectrum beside it, from which a line is one: noise reaches 12
+BESIDE = 15  # bins on either side that a line is compared with
+FINEST = 3.0  # periods in a rest that a line needs at least
+MOST_LINES = 4
+COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
+JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
+LONGEST = 1 << 16  # samples that are looked at
+
+
+def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
+    """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
+    part = slice(0, LONGEST)
+    t, z, w = log.t[part], log.z[part], log.w_cmd[part]
+    rests = rests_of(t, w)
+    channels = [channel_traits(t, z[:, c], w, rests, float(noise_std[c])) for c in range(z.shape[1])]
+    return Acquisition(*channels, clock_of(t))
+
+
+def rests_of(t: Array, w_cmd: Array) -> list[slice]:
+    """The rests of a log with samples enough, the first before any move; later ones from when the loop has settled."""
+    found = []
+    for first, last in zip(*runs(w_cmd == 0.0), strict=True):
+        begin = first if first == 0 else int(np.searchsorted(t, t[first] + SETTLED_S))
+        end = last if last == t.size else last - 2  # the command begins to rise between two samples
+        if end - begin >= FEWEST:
+            found.append(slice(int(begin), int(end)))
+    return found
+
+
+def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usual: float) -> ChannelTraits:
+    """The traits of one channel: z (n,) its readings, usual: its noise in the rig file."""
+    there = np.isfinite(z)
+    if int(there.sum()) < FEWEST:
+        return ChannelTraits(math.nan, math.nan)
+    interval = float(np.median(np.diff(t)))
+    step = resolution_of(np.diff(z[there]))
+    held = update_samples(z, w_cmd)
+    every = held or 1.0
+    pieces = [_piece(t[r], z[r], held) for r in rests]
+    pieces = _alike([p for p in pieces if p[0].size >= max(FEWEST / every, 8)])
+    if not pieces:
+        white = _white(z[there])
+        coarse = step if step and step > COARSE * max(white, usual) else None
+        return ChannelTraits(white, math.hypot(max(white, usual), (coarse or 0.0) / math.sqrt(12.0)), coarse,
+                             held and 1.0 / (held * interval))  # fmt: skip
+    spikes = sum(int(p[2]) for p in pieces)
+    quiet = [(at, y) for at, y, _ in pieces]
+    lines, quiet = lines_of(quiet)
+    n = sum(y.size for _, y in quiet)
+    variance = sum(float(y @ y) for _, y in quiet) / n
+    own = variance - (step or 0.0) ** 2 / 12.0
+    coarse = step if step and step > COARSE * math.sqrt(max(own, 0.0)) else None
+    rounding = 0.0 if coarse is None else coarse**2 / 12.0
+    noise = math.sqrt(max(variance - rounding, 0.0))
+    factor, time = colour_of([y for _, y in quiet], every * interval) if noise > 0.0 else (1.0, None)
+    return ChannelTraits(noise, _as_white(noise, factor, lines, rounding, usual), coarse, held and 1.0 / (held * interval),
+                         lines, time, spikes)  # fmt: skip
+
+
+def _as_white(noise: float, factor: float, lines: Sequence[Line], rounding: float, usual: float) -> float:
+    """Standard deviation of the white noise that says as little as this channel's: its density at frequency zero, with
+    lines that do not average out within a period."""
+    hum = sum(line.amplitude**2 for line in lines)
+    own = factor * noise**2 if noise**2 > rounding else max(noise, usual) ** 2
+    return math.sqrt(own + rounding + LINE_WEIGHT * hum)
+
+
+LINE_WEIGHT = 1.0
+
+
+def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array, int]:
+    """Times and readings of a rest about their mean, only fresh ones of a held channel, without spikes; how many there were."""
+    kept = np.isfinite(z)
+    if held:
+        kept &= np.append(True, np.diff(z) != 0.0)
+    t, y = t[kept], z[kept]
+    if not y.size:
+        return t, y, 0
+    y = y - np.median(y)
+    usual = 1.4826 * float(np.median(np.abs(y))) or float(y.std())
+    spikes = np.abs(y) > SPIKE * usual if usual else np.zeros(y.size, dtype=np.bool_)
+    if spikes.mean() > 0.05:
+        spikes[:] = False
+    y = y[~spikes]
+    return t[~spikes], y - y.mean() if y.size else y, int(spikes.sum())
+
+
+def _alike(pieces: list[tuple[Array, Array, int]]) -> list[tuple[Array, Array, int]]:
+    """The first rest and those whose readings scatter as its own do: a failing sensor's do not."""
+    if not pieces:
+        return []
+    first = float(pieces[0][1].std())
+    return [p for p in pieces if first / ALIKE <= float(p[1].std()) <= first * ALIKE]
+
+
+def _white(z: Array) -> float:
+    """Standard deviation of white noise from second differences, without what moves."""
+    second = np.abs(np.diff(z, 2))
+    usual = second <= 5.9 * np.median(second)
+    return float(np.sqrt(np.mean(second[usual] ** 2) / 6.0)) if usual.any() else 0.0
+
+
+def resolution_of(changes: Array) -> float | None:
+    """The step of which all changes of a reading are multiples, None where there is none."""
+    sizes = np.abs(changes[np.isfinite(changes)])
+    sizes = sizes[sizes > 0.0]
+    if sizes.size < 8:
+        return None
+    step = float(np.quantile(sizes, 0.002))
+    small = sizes[sizes < 30.0 * step]
+    for _ in range(3):
+        times = np.round(small / step)
+        whole = (np.abs(small - times * step) < MULTIPLE * step) & (times > 0)
+        if whole.mean() < MOSTLY or small.size < 8:
+            return None
+        step = float((small[whole] * times[whole]).sum() / (times[whole] ** 2).sum())
+    return step
+
+
+def update_samples(z: Array, w_cmd: Array) -> float | None:
+    """Samples between two updates of a held reading, None where readings are not held.
+
+    A step of coarse readings at constant speed comes at regular times too: the updates of a hold are regular at rest and
+    while the speed changes as well.
+    """
+    same = np.append(False, np.diff(z) == 0.0)
+    at = np.flatnonzero(~same & np.isfinite(z))
+    if same.mean() < HELD or at.size < TICKS:
+        return None
+    period = _period(at, z.size)
+    if period is None:
+        return None
+    steady = np.append(False, np.diff(w_cmd) == 0.0) & (w_cmd != 0.0)
+    groups = [g for g in (at[steady[at]], at[~steady[at]]) if g.size >= TICKS // 2]
+    return period if all(_regular(g, period) > 0.8 * np.sinc(1.0 / period) for g in groups) else None
+
+
+def _regular(at: NDArray[np.int64], period: float) -> float:
+    """How regular times are with a period: 1 where they are all at the same phase, 0 where anywhere."""
+    return float(abs(np.exp(2j * np.pi * at / period).mean()))
+
+
+def _period(at: NDArray[np.int64], n: int) -> float | None:
+    """The longest period, 2 samples at least, at whose ticks all times are."""
+    marks = np.zeros(1 << (4 * n - 1).bit_length())
+    marks[at] = 1.0
+    spectrum = np.abs(np.fft.rfft(marks)) / at.size
+    lowest = int(8 * marks.size / (at[-1] - at[0] + 1))
+    found = np.flatnonzero(spectrum[lowest : marks.size // 2] > 0.75)
+    if not found.size:
+        return None
+    k = lowest + int(found[0])
+    k += int(np.argmax(spectrum[k : k + 8]))
+    around = marks.size / np.linspace(k - 1.0, k + 1.0, 81)
+    return float(max(around, key=lambda period: _regular(at, period)))
+
+
+def lines_of(pieces: Sequence[tuple[Array, Array]]) -> tuple[tuple[Line, ...], list[tuple[Array, Array]]]:
+    """Periodic disturbances of rests, the strongest first, and the rests without them."""
+    lines: list[Line] = []
+    left = list(pieces)
+    while len(lines) < MOST_LINES:
+        hz = _strongest(left)
+        if hz is None:
+            break
+        parts = [_sine(t, y, hz) for t, y in left]
+        n = sum(y.size for _, y in left)
+        amplitude = math.sqrt(2.0 * sum(float(p @ p) for p in parts) / n)
+        lines.append(Line(hz, amplitude))
+        left = [(t, y - p) for (t, y), p in zip(left, parts, strict=True)]
+    return tuple(lines), left
+
+
+def _strongest(pieces: Sequence[tuple[Array, Array]]) -> float | None:
+    """Frequency of the strongest line that stands out of the spectrum beside it [Hz]."""
+    t, y = max(pieces, key=lambda piece: piece[1].size)
+    if y.size < FEWEST:
+        return None
+    interval = float(np.median(np.diff(t)))
+    size = 1 << (y.size - 1).bit_length()
+    index = np.round((t - t[0]) / interval).astype(np.int64).clip(0, 4 * size - 1)
+    even = np.zeros(2 * size)
+    inside = index < even.size
+    even[index[inside]] = (y * np.hanning(y.size))[inside]
+    power = np.abs(np.fft.rfft(even)) ** 2
+    first = int(FINEST * even.size / y.size)
+    beside = np.array([_median_beside(power, k) for k in range(power.size)])
+    ratio = power / np.maximum(beside, 1e-300)
+    ratio[:first], ratio[-2:] = 0.0, 0.0
+    k = int(np.argmax(ratio))
+    if ratio[k] < LINE / math.log(2.0):
+        return None
+    bin_hz = 1.0 / (even.size * interval)
+    for width, steps in ((1.0, 21), (0.1, 21), (0.01, 11)):
+        around = np.linspace(k - width, k + width, steps) * bin_hz
+        best = max(around, key=lambda hz: sum(float((_sine(a, b, hz) ** 2).sum()) for a, b in pieces))
+        k = best / bin_hz
+    return float(best)
+
+
+def _median_beside(power: Array, k: int) -> float:
+    """Median of the spectrum around a bin, without its own peak."""
+    low, high = max(k - 3 * BESIDE, 0), min(k + 3 * BESIDE + 1, power.size)
+    return float(np.median(power[low:high]))
+
+
+def _sine(t: Array, y: Array, hz: float) -> Array:
+    """The sine of a frequency in y (n,) at t (n,) s."""
+    angle = 2.0 * np.pi * hz * (t - t[0])
+    basis = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    return basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+
+
+def colour_of(pieces: Sequence[Array], interval: float) -> tuple[float, float | None]:
+    """How much less coloured noise says than white noise of its size, at least 1, and its correlation time [s] or None."""
+    n = sum(y.size for y in pieces)
+    lags = max(min(max(y.size for y in pieces) // 4, 400), 1)
+    long_enough = [y for y in pieces if y.size > lags]
+    weights = np.array([y.size for y in long_enough], dtype=float)
+    rho = np.stack([autocorrelation(y, lags) for y in long_enough]).T @ weights / weights.sum()
+    if rho[0] < max(COLOURED, 4.0 / math.sqrt(n)):
+        return 1.0, None
+    below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
+    rho = rho[: int(below[0]) if below.size else rho.size]
+    clear = rho[rho > max(0.5 * rho[0], 3.0 / math.sqrt(n))]
+    fall = np.polyfit(np.arange(clear.size), np.log(clear), 1)[0] if clear.size > 1 else math.log(rho[0])
+    return 1.0 + 2.0 * float(rho.sum()), interval / max(-fall, 1e-3)
+
+
+def clock_of(t: Array) -> Clock:
+    """Jitter of the time stamps about even ones, and their step [s]."""
+    if t.size < FEWEST:
+        return Clock(0.0, None)
+    dt = np.diff(t)
+    interval = float(np.median(dt))
+    off = np.abs(dt - interval)
+    if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
+        return Clock(0.0, None)
+    step = resolution_of(dt)
+    coarse = step if step and 0.05 * interval < step else None
+    return Clock(float(np.std(dt[dt < 1.5 * interval + (coarse or 0.0)])) / math.sqrt(2.0), coarse)
