@@ -1,9 +1,17 @@
 """The hidden truth: a simulator that shares no code with the package, for tests that must find the answer."""
 
 from .answers import Size, right_size
-from .cases import SEVERITY_KINDS, draw_effect_case, draw_effects_case, draw_move_case, draw_severity_case
+from .cases import (
+    FAILING_SIGMAS,
+    SEVERITY_KINDS,
+    draw_effect_case,
+    draw_effects_case,
+    draw_failing_case,
+    draw_move_case,
+    draw_severity_case,
+)
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
-from .faults import NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
+from .faults import CHANNELS, FAILURES, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
 from .loggers import IDEAL, PAIRS, TRAITS, TRIPLES, Trait, combined, make_log_with, trait_of
 from .profiles import (
     SHAPES,
@@ -22,6 +30,9 @@ from .truth import TruthSpec, make_log, make_log_through, true_motion, without_n
 __all__ = [
     "ALL",
     "CAUSES",
+    "CHANNELS",
+    "FAILING_SIGMAS",
+    "FAILURES",
     "IDEAL",
     "NO_FAULT",
     "OUTSIDE",
@@ -47,6 +58,7 @@ __all__ = [
     "contact_campaign",
     "draw_effect_case",
     "draw_effects_case",
+    "draw_failing_case",
     "draw_move_case",
     "draw_rest_integral",
     "draw_rig",

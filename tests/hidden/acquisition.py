@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfilter_zi
 
 from .faults import CHANNELS, Fault, spoil_channel
 from .plant import Motion
@@ -35,8 +35,8 @@ class Chain:
     delay_s: how late it is. noise_std: white; later_noise: by what it grows from `later_share` of the log on. offset, lines: on
     top of it. wander_std, wander_s: a baseline that wanders, exponential correlation. cutoff_hz: low pass of first order;
     window_s: moving average. hold_hz: how often a new reading comes, which is held until the next; hold_phase: in shares of that
-    period. spike_share, spike_size: of the readings that are hit. limit: where readings clip. step, step_origin: what readings are
-    multiples of, None for the file's own digits.
+    period. spike_share, spike_size: of the readings that are hit. limit: where readings clip. step, step_origin: of what readings
+    are multiples, None for the file's own digits.
     """
 
     noise_std: float
@@ -218,8 +218,12 @@ def _smoothed(scene: Scene, acquisition: Acquisition, channel: str, at, rng):
     before = int(0.1 / step)  # the log begins at rest: its mirror image is what came before
     seen = np.pad(_sensed(scene, acquisition, channel, grid, white, rng), (before, 0), mode="reflect")
     if chain.cutoff_hz:
-        keep = np.exp(-2 * np.pi * chain.cutoff_hz * step)
-        seen, _ = lfilter([1.0 - keep], [1.0, -keep], seen, zi=[keep * seen[0]])
+        ratio = 1.0 / (np.pi * chain.cutoff_hz * step)
+        b, a = (
+            [1.0 / (1.0 + ratio)] * 2,
+            [1.0, (1.0 - ratio) / (1.0 + ratio)],
+        )  # bilinear: a ramp lags exactly
+        seen, _ = lfilter(b, a, seen, zi=lfilter_zi(b, a) * seen[0])
     if chain.window_s:
         width = int(round(chain.window_s / step))
         total = np.concatenate(([0.0], np.cumsum(seen - seen[0])))
@@ -238,7 +242,8 @@ def true_sizes(acquisition: Acquisition, spikes: dict[str, int]) -> dict[str, di
     """What a reader of the log should find, by column and for "clock", V, A, m and s.
 
     noise_std: of the white part, of one reading. correlation_s: integral of the correlation of the coloured part, wander_std its
-    1 sigma. delay_s: against the motion; a held reading is older still by its age. lines: (Hz as sampled, amplitude).
+    1 sigma. delay_s: against the motion; a held reading is older still by its age. lines: (Hz as read, amplitude) of
+    the readings, fresh ones where they are held.
     """
     told: dict[str, dict] = {
         COLUMNS[channel]: _channel_sizes(chain, acquisition.clock, spikes[channel])

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from .effects import ALL, sized_effect
-from .faults import CHANNELS, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
+from .faults import CHANNELS, FAILURES, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
 from .profiles import Profile, campaign, contact_campaign, rich_campaign, shaped_move, single_move
 from .rig import TABLE_1, draw_rest_integral, draw_rig
+from .sensors import Logger
 from .truth import TruthSpec
 
 TRANSIENT_S = 0.25  # the start transient of section 3 of the paper
@@ -32,6 +33,41 @@ def draw_move_case(seed: int, label: str) -> TruthSpec:
     )
     fault = _draw_fault(rng, label, profile)
     return TruthSpec(profile, rig, fault, start_integral_rad=draw_rest_integral(rng, rig, pitch))
+
+
+# Sizes of a failing sensor in sigmas of its noise: of a drift in a second, of a gain at the reading of a steady move.
+FAILING_SIGMAS = {
+    "bias": 10.0, "drift": 10.0, "gain": 10.0, "noise_burst": 5.0, "saturation": 10.0, "stuck_bit": 10.0,
+}  # fmt: skip
+STEADY = {"voltage": 6.0, "current": 22e-3, "position": 1e-3}  # V, A, m: reading in the middle of a move
+
+
+def draw_failing_case(seed: int, kind: str, channel: str, factor: float = 1.0) -> TruthSpec:
+    """One move in which a sensor fails as `kind` of `FAILURES` in mid-move, by `factor` times `FAILING_SIGMAS`."""
+    if kind not in FAILURES:
+        raise ValueError(f"no failure {kind!r}: there are {', '.join(FAILURES)}")
+    spec = draw_move_case(seed, "nominal")
+    move = spec.profile.moves[0]
+    rng = np.random.default_rng([seed, 13])
+    onset = move.start_s + rng.uniform(TRANSIENT_S + 0.05, move.hold_s - LEFT_TO_MOVE_S)
+    sign = rng.choice((-1.0, 1.0)) if kind in ("bias", "drift") else 1.0
+    size = sign * _failing_size(kind, channel, factor * FAILING_SIGMAS.get(kind, 0.0))
+    return replace(spec, fault=Fault("sensor_fault", onset, kind, channel, float(size)))
+
+
+def _failing_size(kind: str, channel: str, sigmas: float) -> float:
+    """The size of a fault that is worth so many sigmas, as in `FAILURES`."""
+    logger = Logger()
+    noise = {
+        "voltage": logger.voltage_noise_v,
+        "current": logger.current_noise_a,
+        "position": logger.position_noise_m,
+    }
+    if kind == "noise_burst":
+        return sigmas
+    if kind == "gain":
+        return 1.0 + sigmas * noise[channel] / STEADY[channel]
+    return sigmas * noise[channel]
 
 
 def draw_effect_case(seed: int, cause: str | None, size_factor: float) -> TruthSpec:

@@ -20,6 +20,13 @@ SENSOR_SIZES = {
     "dropout": {"voltage": 0.0, "current": 0.0, "position": 0.0},  # zero under the usual noise
     "noise_burst": {"voltage": 20.0, "current": 20.0, "position": 20.0},
 }
+# What `draw_move_case` does not draw, V, A, m: a range that ends so far below the reading at the onset; the bit worth so much,
+# stuck at what it was not then.
+LATER_SENSOR_SIZES = {
+    "saturation": {"voltage": 0.5, "current": 6e-3, "position": 2e-4},
+    "stuck_bit": {"voltage": 0.5, "current": 6e-3, "position": 2e-4},
+}
+FAILURES = SENSOR_SIZES | LATER_SENSOR_SIZES
 
 # Default size of each fault outside the named classes, and what it means.
 UNKNOWN_SIZES = {
@@ -38,7 +45,7 @@ DEFAULT_SIZES = {"slip": 0.5, "jam": 1.0}
 class Fault:
     """One fault. label: of LABELS; onset_s on the log's clock.
 
-    kind: for "sensor_fault" one of SENSOR_SIZES, with channel of CHANNELS; for "unknown" of UNKNOWN_SIZES.
+    kind: for "sensor_fault" one of FAILURES, with channel of CHANNELS; for "unknown" of UNKNOWN_SIZES.
     size: as in those tables, None = theirs; of a slip the share of the travel that is lost, of a jam by how many times its
     friction rises. duration_s: how long it lasts. growth_s: over what time a slip or a jam reaches its size.
     """
@@ -52,7 +59,7 @@ class Fault:
     growth_s: float = 0.0
 
     def __post_init__(self):
-        kinds = {"sensor_fault": tuple(SENSOR_SIZES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
+        kinds = {"sensor_fault": tuple(FAILURES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
         if self.label not in LABELS or self.kind not in kinds:
             raise ValueError(f"{self.label!r} of kind {self.kind!r}: labels are {LABELS}, kinds {kinds}")
         if (self.label == "nominal") != (self.onset_s is None):
@@ -69,7 +76,7 @@ class Fault:
         if self.size is not None:
             return self.size
         if self.label == "sensor_fault":
-            return SENSOR_SIZES[self.kind][self.channel]
+            return FAILURES[self.kind][self.channel]
         if self.label in DEFAULT_SIZES:
             return DEFAULT_SIZES[self.label]
         return UNKNOWN_SIZES.get(self.kind, 0.0)
@@ -137,5 +144,18 @@ def spoil_channel(fault: Fault, channel: str, times, clean, noise, clean_at_onse
         "gain": clean * size + noise,
         "dropout": noise,
         "noise_burst": clean + noise * size,
+        "saturation": np.clip(seen, *_range_left(size, clean_at_onset)),
+        "stuck_bit": seen + size * (1.0 - _bit(clean_at_onset, size) - _bit(seen, size)),
     }[fault.kind]
     return np.where((since >= 0.0) & (since < fault.duration_s), faulty, seen)
+
+
+def _range_left(size: float, clean_at_onset: float):
+    """The range of a sensor that saturates, `size` short of what it read."""
+    limit = max(abs(clean_at_onset) - size, 0.0)
+    return -limit, limit
+
+
+def _bit(value, size: float):
+    """The bit worth `size`, of two's complement."""
+    return np.floor(value / size) % 2.0 if size else 0.0

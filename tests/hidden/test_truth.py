@@ -9,7 +9,7 @@ import pytest
 
 from . import (
     ALL,
-    SENSOR_SIZES,
+    FAILURES,
     TABLE_1,
     UNKNOWN_SIZES,
     Fault,
@@ -337,7 +337,7 @@ def test_slipping_nut_leaves_the_motor_alone():
 
 
 @pytest.mark.parametrize("channel", COLUMNS)
-@pytest.mark.parametrize("kind", SENSOR_SIZES)
+@pytest.mark.parametrize("kind", FAILURES)
 def test_sensor_fault_touches_its_channel_while_it_lasts(kind, channel):
     spec = TruthSpec(single_move(-350.0, 1.2))
     fault = Fault("sensor_fault", 0.6, kind, channel, duration_s=0.5)
@@ -348,7 +348,7 @@ def test_sensor_fault_touches_its_channel_while_it_lasts(kind, channel):
     pd.testing.assert_frame_equal(healthy.drop(columns=column), faulty.drop(columns=column))
     spread = faulty.loc[during, column].std()
     assert not faulty.loc[during, column].equals(healthy.loc[during, column])
-    assert (faulty.loc[during, column].nunique() == 1) == (kind == "frozen")
+    assert (faulty.loc[during, column].nunique() == 1) == (kind in ("frozen", "saturation"))
     if kind in ("frozen_noisy", "dropout"):
         assert spread == pytest.approx(STD[column], rel=0.15)  # 800 samples: 4 sigma of a standard deviation
 

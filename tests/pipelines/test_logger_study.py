@@ -1,0 +1,98 @@
+"""The study of loggers: what counts as found and as right, and its recipe on one move."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from hidden import TRAITS, Logger
+from hidden.acquisition import ideal, true_sizes
+
+from observer_fi.records import Acquisition, ChannelTraits, Clock, Line
+from pipelines import logger_study
+from pipelines.logger_study_found import found
+
+NO_SPIKES = {"voltage": 0, "current": 0, "position": 0}
+PLAIN = Acquisition(*(ChannelTraits(std, std) for std in (10e-3, 0.3e-3, 10e-6)), Clock(0.0, None))
+
+
+def sizes(name: str) -> dict:
+    return true_sizes(TRAITS[name].apply(ideal(Logger()), 7), NO_SPIKES)
+
+
+def changed(channel: str, **fields: object) -> Acquisition:
+    return PLAIN._replace(**{channel: getattr(PLAIN, channel)._replace(**fields)})
+
+
+def test_nothing_is_missed_of_an_ideal_logger() -> None:
+    assert found(sizes("ideal"), PLAIN) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "missed"),
+    [
+        ("noise_3", "voltage noise; current noise; position noise"),
+        ("steps_current", "current resolution"),
+        ("position_60hz", "position update rate"),
+        ("hum_50hz", "voltage lines; current lines"),
+        ("coloured", "voltage colour; current colour; position colour"),
+        ("milliseconds", "clock resolution"),
+        ("jitter", "jitter"),
+    ],
+)
+def test_what_is_not_told_is_missed(name: str, missed: str) -> None:
+    assert found(sizes(name), PLAIN) == missed
+
+
+def test_what_is_not_there_is_not_to_be_told() -> None:
+    assert found(sizes("ideal"), changed("current", resolution=3e-4)) == "current resolution"
+    assert found(sizes("ideal"), changed("position", update_hz=100.0)) == "position update rate"
+    assert found(sizes("ideal"), changed("voltage", lines=(Line(50.0, 0.04),))) == "voltage lines"
+
+
+def test_a_line_counts_with_its_size_and_place() -> None:
+    told = sizes("pwm_line")
+    ((hz, amplitude),) = told["current_a"]["lines"]
+    assert found(told, changed("current", lines=(Line(hz + 0.1, 1.1 * amplitude),))) == ""
+    assert found(told, changed("current", lines=(Line(hz + 0.3, amplitude),))) == "current lines"
+    assert found(told, changed("current", lines=(Line(hz, 1.2 * amplitude),))) == "current lines"
+
+
+def test_tables_count_what_was_said() -> None:
+    row = {"trait": "noise_3", "label": "nominal", "kind": "", "channel": "", "said": "unknown", "said_channel": "",
+           "probability": 0.99, "right": False, "delay_ms": None, "missed": "current noise; jitter"}  # fmt: skip
+    right = {**row, "label": "overload", "said": "overload", "right": True, "delay_ms": 12.0, "missed": ""}
+    table = logger_study.by_trait(pd.DataFrame([row, right])).loc["noise_3"]
+    assert (table["moves"], table["right"], table["false alarms"], table["confident and wrong"]) == (
+        2,
+        1,
+        "1 of 1",
+        1,
+    )
+    assert (table["delay median ms"], table["said otherwise"]) == (12.0, "unknown 1")
+    assert table["logger found"] == "1 of 2; not: current noise 1, jitter 1"
+    failing = {
+        **row,
+        "label": "sensor_fault",
+        "kind": "drift",
+        "channel": "position",
+        "said": "coupling_loss",
+    }
+    assert (
+        logger_study.by_failure(pd.DataFrame([failing])).iloc[0]["actuator blamed with more than 0.95"] == 1
+    )
+
+
+def test_the_recipe_writes_its_report(tmp_path: Path) -> None:
+    given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--first", "7000"]
+    given += ["--rows", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "loggers.md")]
+    assert logger_study.main(given) == 0
+    assert len(pd.read_csv(tmp_path / "rows.csv")) == 2
+    text = (tmp_path / "loggers.md").read_text()
+    assert "| noise_3 | noise three times the rig file's | 2 |" in text
+    assert "seeds from 7000 on" in text
+
+
+def test_every_way_to_fail_gets_its_moves() -> None:
+    jobs = logger_study.failing_jobs(2, 3.0, 7000)
+    assert len(jobs) == 2 * 3 * 9
+    assert {job.trait for job in jobs} == {"ideal"}
