@@ -14,7 +14,7 @@ import numpy as np
 from observer_fi.bank import Bank
 from observer_fi.logs import moves_from_rest
 from observer_fi.physics import Rig, with_values
-from observer_fi.records import Array, Log
+from observer_fi.records import Log
 from observer_fi.settings import BankSettings
 
 BEFORE_S, AFTER_S = 0.12, 0.25  # of the start of a move
@@ -56,13 +56,17 @@ class SetBack:
         if not any(self.samples):
             return log
         room = int(np.ceil(max(self.samples)))
-        known = np.vstack((self.before, log.z)) if self.before.size else np.vstack((*(log.z[:1],) * room, log.z))
+        known = (
+            np.vstack((self.before, log.z)) if self.before.size else np.vstack((*(log.z[:1],) * room, log.z))
+        )
         out = np.empty_like(log.z)
         for c, samples in enumerate(self.samples):
             whole = int(np.floor(samples))
             share, last = samples - whole, known.shape[0] - whole
             now = known[last - len(log.z) : last, c]
-            out[:, c] = now if not share else (1.0 - share) * now + share * known[last - len(log.z) - 1 : last - 1, c]
+            out[:, c] = (
+                now if not share else (1.0 - share) * now + share * known[last - len(log.z) - 1 : last - 1, c]
+            )
         self.before = known[-room:]
         return replace(log, z=out)
 
@@ -78,19 +82,22 @@ def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:
     })  # fmt: skip
 
 
-def lateness_of(log: Log, rig: Rig, settings: BankSettings) -> Lateness:
-    """How late the channels of a log are; none where its first start does not tell."""
+def lateness_of(log: Log, rig: Rig, settings: BankSettings, known: Lateness) -> Lateness:
+    """How late the channels of a log are; what is `known` where its first start does not tell."""
     cut = _start(log)
     if cut is None or not rig.driven.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
-        return Lateness()
+        return known
     gain = _Gains(cut, rig, settings)
-    return _position(gain, _electrical(gain))
+    best = _electrical(gain, known)
+    return best if known.position else _position(gain, best)
 
 
-def _electrical(gain: "_Gains") -> Lateness:
-    """Delays of voltage and current, the position beside them."""
-    nothing = Lateness()
-    near = max(gain(_shifted(nothing, r=r)) for r in (-FIRST_LOOK, FIRST_LOOK))
+def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
+    """Delays of voltage and current, the position beside them; nothing: where they do not tell."""
+    known = _parts(nothing)
+    near = max(gain(_shifted(**(known | {"r": known["r"] + r}))) for r in (-FIRST_LOOK, FIRST_LOOK)) - gain(
+        nothing
+    )
     if near < NOTICED_NATS and gain.misfit < FITS:
         return nothing
     best = _best(gain, nothing, "r", RELATIVE)
@@ -98,7 +105,7 @@ def _electrical(gain: "_Gains") -> Lateness:
     best = _finer(gain, _finer(gain, best, "r", 0.25), "r", 0.08)
     best = _finer(gain, best, "common", 0.25)
     best = _finer(gain, best, "r", 0.05)
-    return nothing if gain(best) < NOTICED_NATS or max(best) < LEAST else best
+    return nothing if gain(best) - gain(nothing) < NOTICED_NATS or best.electrical < LEAST else best
 
 
 def _position(gain: "_Gains", best: Lateness) -> Lateness:
@@ -149,7 +156,7 @@ class _Gains:
         return float(e.density[moving, 0].sum() - e.density[rest, 0].mean() * moving.sum())
 
 
-def _shifted(late: Lateness, r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:
+def _shifted(r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:
     """Delays with current r samples behind voltage (before it where negative), both by `common` more, position by its own."""
     return Lateness(common + max(-r, 0.0), common + max(r, 0.0), common + position)
 
@@ -159,9 +166,11 @@ def _parts(late: Lateness) -> dict[str, float]:
     return {"r": late.current - late.voltage, "common": common, "position": late.position - common}
 
 
-def _best(gain: Callable[[Lateness], float], late: Lateness, part: str, values: tuple[float, ...]) -> Lateness:
+def _best(
+    gain: Callable[[Lateness], float], late: Lateness, part: str, values: tuple[float, ...]
+) -> Lateness:
     """The best of some values of one part of the delays."""
-    tried = [_shifted(late, **(_parts(late) | {part: value})) for value in values]
+    tried = [_shifted(**(_parts(late) | {part: value})) for value in values]
     return max([late, *tried], key=gain)
 
 
