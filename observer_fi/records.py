@@ -91,7 +91,8 @@ class ChannelTraits(NamedTuple):
     noise_std: without lines and rounding; as_white: standard deviation of the white noise that says as little about what is
     slow; resolution: the step of the readings, update_hz: how often a held one is fresh, correlation_s: of coloured noise,
     None where there is none; spikes: how many were seen at rest; averaged: samples of which a reading is the mean; offset: mean
-    reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before.
+    reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
+    repeats: share of readings at rest that repeat the one before, though no hold is known.
     """
 
     noise_std: float
@@ -104,6 +105,7 @@ class ChannelTraits(NamedTuple):
     averaged: int = 1
     offset: float = 0.0
     neighbour_std: float = math.nan
+    repeats: float = 0.0
 
 
 class Clock(NamedTuple):

@@ -159,6 +159,7 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
     )
 
 
+REPEATING = 0.1  # share of readings at rest that repeat themselves, from which that says nothing of a sensor
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
@@ -168,7 +169,8 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step.
     """
     fine = settings.repeat_scale * rig.neighbour_std
-    return np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
+    share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
+    return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

@@ -311,7 +311,8 @@ def failed_channel(z, previous, y, spread, sigma, share, bias, variance, tuning)
 
     z, previous: reading now and a sample ago (infinite where there was none); y: what the state predicts, with variance
     `spread`; sigma: the channel's noise, share: that of it within which a reading repeats itself; bias, variance: what its
-    bias was. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of repeating, weight of noise, its scale in sigma).
+    bias was. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of repeating,
+    weight of noise, its scale in sigma).
     """
     wide, narrow = tuning[2] * sigma, share * sigma
     S = spread + variance + sigma * sigma

@@ -39,8 +39,10 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     part = slice(0, LONGEST)
     t, z, w = log.t[part], log.z[part], log.w_cmd[part]
     rests = rests_of(t, w)
-    channels = [channel_traits(t, z[:, c], w, rests, float(noise_std[c])) for c in range(z.shape[1])]
-    return Acquisition(*channels, clock_of(t))
+    voltage, current, position = (
+        channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
+    )
+    return Acquisition(voltage, current, position, clock_of(t))
 
 
 def rests_of(t: Array, w_cmd: Array) -> list[slice]:
@@ -61,7 +63,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
         return ChannelTraits(math.nan, math.nan)
     interval = float(np.median(np.diff(t)))
     step = resolution_of(np.diff(z[there]))
-    held = update_samples(z, w_cmd)
+    held = update_samples(np.round((t - t[0]) / interval).astype(np.int64), z, w_cmd)
     every = held or 1.0
     pieces = [_piece(t[r], z[r], held) for r in rests]
     pieces = _alike([p for p in pieces if p[0].size >= max(FEWEST / every, 8)])
@@ -83,6 +85,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     return ChannelTraits(
         noise, _as_white(noise, factor, lines, rounding, usual), coarse, held and 1.0 / (held * interval), lines, time,
         spikes, averaged_of([y for _, y in quiet]), float(np.nanmean(z[rests[0]])), _between_neighbours([y for _, y in quiet]),
+        0.0 if held else float(np.mean(np.diff(z[rests[0]]) == 0.0)),
     )  # fmt: skip
 
 
@@ -146,8 +149,8 @@ def resolution_of(changes: Array) -> float | None:
     return step
 
 
-def update_samples(z: Array, w_cmd: Array) -> float | None:
-    """Samples between two updates of a held reading, None where readings are not held.
+def update_samples(row: NDArray[np.int64], z: Array, w_cmd: Array) -> float | None:
+    """Samples between two updates of a held reading, None where readings are not held. row: (n,) counts missing samples too.
 
     A step of coarse readings at constant speed comes at regular times too: the updates of a hold are regular at rest and
     while the speed changes as well.
@@ -156,12 +159,12 @@ def update_samples(z: Array, w_cmd: Array) -> float | None:
     at = np.flatnonzero(~same & np.isfinite(z))
     if same.mean() < HELD or at.size < TICKS:
         return None
-    period = _period(at, z.size)
+    period = _period(row[at], int(row[-1]) + 1)
     if period is None:
         return None
     steady = np.append(False, np.diff(w_cmd) == 0.0) & (w_cmd != 0.0)
     groups = [g for g in (at[steady[at]], at[~steady[at]]) if g.size >= TICKS // 2]
-    return period if all(_regular(g, period) > 0.8 * np.sinc(1.0 / period) for g in groups) else None
+    return period if all(_regular(row[g], period) > 0.8 * np.sinc(1.0 / period) for g in groups) else None
 
 
 def _regular(at: NDArray[np.int64], period: float) -> float:
@@ -230,7 +233,9 @@ def _strongest(pieces: Sequence[tuple[Array, Array]]) -> float | None:
 def _beside(power: Array) -> Array:
     """Median of a spectrum on the stronger side of each bin, without what may be its own peak."""
     far = PEAK + BESIDE
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="reflect"), BESIDE), axis=1)
+    medians = np.median(
+        np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="reflect"), BESIDE), axis=1
+    )
     left, right = medians[: power.size], medians[far + PEAK + 1 : far + PEAK + 1 + power.size]
     return np.maximum(left, right)
 

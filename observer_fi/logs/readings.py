@@ -27,8 +27,10 @@ class Readings:
             c.resolution is not None and c.resolution > STANDING * max(c.noise_std, usual)
             for c, usual in zip(channels, noise_std.tolist(), strict=True)
         ]
-        self.last = np.full(3, np.nan)
-        self.age = [0, 0, 0]
+        self.rate_hz = rate_hz
+        self.last = np.full(3, np.nan)  # reading, when it came, and how many ticks it has stood since, of each channel
+        self.since = np.zeros(3)
+        self.ticks = np.full(3, -1)
 
     @property
     def plain(self) -> bool:
@@ -42,23 +44,23 @@ class Readings:
         z = log.z.copy()
         for c in range(3):
             if self.stands[c] or self.every[c] > 1:
-                z[~self._fresh(c, log.z[:, c]), c] = np.nan
+                z[~self._fresh(c, log.t, log.z[:, c]), c] = np.nan
         return replace(log, z=z)
 
-    def _fresh(self, c: int, z: Array) -> NDArray[np.bool_]:
+    def _fresh(self, c: int, t: Array, z: Array) -> NDArray[np.bool_]:
         there = np.isfinite(z)
-        values = z[there]
+        t, values = t[there], z[there]
+        out = there.copy()
+        if not values.size:
+            return out
         changed = values != np.append(self.last[c], values[:-1])
-        row = np.arange(values.size)
-        since = np.maximum.accumulate(np.where(changed, row, -self.age[c]))
-        age = row - since  # samples since the reading changed
-        tick, within = np.divmod(age, self.every[c])
-        fresh = within == 0
+        at = np.maximum.accumulate(np.where(changed, np.arange(values.size), -1))
+        since = np.where(at < 0, self.since[c], t[at])  # when the reading came that stands
+        tick = np.floor((t - since) * self.rate_hz / self.every[c] + 0.25 / self.every[c]).astype(np.int64)
+        fresh = changed | (tick != np.append(self.ticks[c], tick[:-1]))
         if self.stands[c]:
             fresh &= (tick & (tick - 1)) == 0
-        if values.size:
-            self.last[c], self.age[c] = values[-1], int(age[-1]) + 1
-        out = there.copy()
+        self.last[c], self.since[c], self.ticks[c] = values[-1], since[-1], tick[-1]
         out[there] = fresh
         return out
 

@@ -172,6 +172,11 @@ class Rig:
         return np.clip(np.where(np.isfinite(seen), seen, usual), LEAST_CHANGE * usual, usual)
 
     @property
+    def repeats(self) -> Array:
+        """(3,) share of readings at rest that repeat the one before."""
+        return np.array([channel.repeats for channel in self.logger[:3]] if self.logger else [0.0] * 3)
+
+    @property
     def step(self) -> Array:
         """(3,) step of the readings, V, A, m; 0 where they have none."""
         return np.array(

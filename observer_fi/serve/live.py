@@ -5,7 +5,7 @@ change at the same sample whatever the batches were.
 """
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,6 +20,8 @@ from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import (
     FEWEST_MOVING,
+    LEARNABLE,
+    AsLogged,
     Isolator,
     for_readings,
     log_verdict,
@@ -29,6 +31,8 @@ from observer_fi.verdict import (
 )
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
+REST_ROWS = 4096  # samples before the first move that are kept to learn from
+START_S = 0.26  # of that move: what shows how late channels are
 
 
 class LiveBank(kernels.Bank):
@@ -101,6 +105,39 @@ class Change(NamedTuple):
     samples: int
 
 
+Judged = tuple[Estimate, list[Change]]
+
+
+class Lesson:
+    """The first rest of a stream, and then the first start, from which a logger is learned.
+
+    table: (n, 6) samples kept, moved: whether the start is among them; complete: whether there is no more to wait for.
+    """
+
+    def __init__(self, table: Array | None = None) -> None:
+        self.table = table_of([]) if table is None else table
+        self.moved = table is not None
+        self.until = table[-1, 0] + START_S if table is not None and len(table) else np.inf
+        self.complete = False
+
+    def take(self, rows: Array) -> int:
+        """Keep samples up to the end of the lesson; how many that were."""
+        after = rows[:, 0] > self.until if self.moved else np.abs(rows[:, 5]) > 0.0
+        self.complete = bool(after.any())
+        taken = int(np.argmax(after)) if self.complete else len(rows)
+        kept = np.concatenate((self.table, rows[:taken]))
+        self.table = kept if self.moved else kept[-REST_ROWS:]
+        return taken
+
+    def learned(self, rig: Rig, settings: BankSettings) -> AsLogged | None:
+        """What the samples kept show of the logger, None where they are too few."""
+        return AsLogged(log_of(self.table), rig, settings) if len(self.table) >= LEARNABLE else None
+
+    def next_one(self) -> "Lesson | None":
+        """The lesson after this one, None after the last."""
+        return Lesson(self.table) if not self.moved and len(self.table) >= LEARNABLE else None
+
+
 class Live:
     """One stream under way: `add` samples in order, take the changes of the verdict.
 
@@ -111,13 +148,15 @@ class Live:
         self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
     ) -> None:
         self.rig, self.all_settings, self.engine, self.filter_kind = rig, settings, engine, filter_kind
-        self._make_bank(settings)
+        self._make_bank(settings, rig)
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.settings = settings.decision
         self.labels = tuple((label_of(mode), channel_of(mode)) for mode in modes)
         self.isolator = Isolator(modes, settings.decision, consistent=False)
         self.moving = 0  # samples that the verdict rests on
         self.held: Array | None = table_of([])
+        self.lesson: Lesson | None = Lesson()
+        self.as_logged: AsLogged | None = None
         self.reported: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
 
@@ -130,29 +169,69 @@ class Live:
                 return
             table, self.held = self.held, None
             self._begin(table)
-            yield self._judged(self.bank.advance(log_of(table)))
+            yield from self._learning(table, self._first)
+            return
+        yield from self._learning(table, self._next)
+
+    def _learning(self, table: Array, judge: Callable[[Array], Judged]) -> Iterator[Judged]:
+        """What the samples say; where they complete what there is to learn of the logger, from the first rest on again."""
+        while self.lesson is not None and len(table):
+            taken = self.lesson.take(table)
+            if taken:
+                yield from self._batches(table[:taken], judge)
+                table, judge = table[taken:], self._next
+            if not self.lesson.complete:
+                continue
+            known = self.lesson.learned(self.rig, self.all_settings.bank)
+            if known is not None and not known.same_as(self.as_logged, self.rig):
+                yield self._again(known, self.lesson.table)
+            self.lesson = self.lesson.next_one()
+        if len(table):
+            yield from self._batches(table, judge)
+
+    def _batches(self, table: Array, judge: Callable[[Array], Judged]) -> Iterator[Judged]:
+        if judge == self._first:
+            yield judge(table)
             return
         for first in range(0, len(table), MOST):
-            batch = table[first : first + MOST]
-            yield self._judged(self.fast.step(batch) if self.fast else self.bank.advance(log_of(batch)))
+            yield judge(table[first : first + MOST])
+
+    def _first(self, table: Array) -> Judged:
+        """The samples that a stream begins with."""
+        return self._judged(self.bank.advance(log_of(table)))
+
+    def _next(self, table: Array) -> Judged:
+        """At most MOST samples behind others."""
+        if self.as_logged is not None:
+            table = self.as_logged.take_rows(table)
+        return self._judged(self.fast.step(table) if self.fast else self.bank.advance(log_of(table)))
+
+    def _again(self, known: AsLogged, table: Array) -> Judged:
+        """The samples kept so far, with what they show of the logger."""
+        self.as_logged = known
+        self._make_bank(replace(self.all_settings, bank=known.settings), known.rig)
+        self.isolator = Isolator(self.isolator.modes, self.settings, consistent=False)
+        self.samples -= len(table)
+        self.moves = self.moving = 0  # what is judged again holds the first move, if any
+        return self._first(known.take_rows(table))
 
     def finish(self) -> Iterator[tuple[Estimate, list[Change]]]:
         """What the samples say that were still held when the stream ended."""
         table, self.held = self.held, None
         if table is not None and table.size:
             self._begin(table)
-            yield self._judged(self.bank.advance(log_of(table)))
+            yield from self._batches(table, self._first)
 
     def _begin(self, table: Array) -> None:
         """Fit the bank to what the first samples, (n, 6), show of the readings."""
         bank = for_readings(self.all_settings.bank, self.rig, table[:, 1:4])
         if bank is not self.all_settings.bank:
-            self._make_bank(replace(self.all_settings, bank=bank))
+            self._make_bank(replace(self.all_settings, bank=bank), self.rig)
 
-    def _make_bank(self, settings: Settings) -> None:
+    def _make_bank(self, settings: Settings, rig: Rig) -> None:
         compiled = self.engine == "compiled"
-        self.fast = LiveBank(self.rig, settings.bank, self.filter_kind) if compiled else None
-        self.bank = self.fast or make_bank(self.rig, settings, self.engine, self.filter_kind)
+        self.fast = LiveBank(rig, settings.bank, self.filter_kind) if compiled else None
+        self.bank = self.fast or make_bank(rig, settings, self.engine, self.filter_kind)
 
     @staticmethod
     def _ready(table: Array) -> bool:

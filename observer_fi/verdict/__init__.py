@@ -1,6 +1,7 @@
 """Estimates to verdicts: isolation, onset, the open-loop mixture beside it, and what they say in words."""
 
 from observer_fi.verdict import comparison, scores
+from observer_fi.verdict.as_logged import LEARNABLE, AsLogged
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import Isolator, log_verdict, tested
@@ -8,6 +9,8 @@ from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_sam
 
 __all__ = [
     "FEWEST_MOVING",
+    "LEARNABLE",
+    "AsLogged",
     "Isolator",
     "as_dict",
     "compare",

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.logs.acquisition import acquisition_of
+from observer_fi.logs.acquisition import FEWEST, acquisition_of
 from observer_fi.logs.readings import Readings, even
 from observer_fi.physics import Rig
-from observer_fi.records import Acquisition, Log
+from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
 from observer_fi.verdict.testable import for_readings
@@ -37,6 +37,7 @@ class AsLogged:
         self.late = lateness_of(self._even(self.readings.take(log)), known, self.settings, averaged)
         known = set_right(known, self.late, 1.0 / log.rate_hz)
         as_filed = (known.noise_std == rig.noise_std).all() and not known.step.any() and not any(self.late)
+        as_filed &= bool((known.repeats <= 0.0).all())
         self.rig = rig if as_filed else known
         self.readings, self.set_back = (
             Readings(self.acquisition, log.rate_hz, rig.noise_std),
@@ -46,6 +47,22 @@ class AsLogged:
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
         return self.set_back.take(self._even(self.readings.take(log)))
+
+    def take_rows(self, rows: Array) -> Array:
+        """Samples (n, 6) of a stream: time, three readings, pitch, command."""
+        if self.readings.plain and not self.offset and not any(self.late):
+            return rows
+        out = rows.copy()
+        out[:, 1:4] = self.take(Log("stream", rows[:, 0], rows[:, 1:4], rows[:, 5], rows[:, 4])).z
+        return out
+
+    def same_as(self, other: "AsLogged | None", rig: Rig) -> bool:
+        """Whether another, or the rig file alone where there is none, says the same to filters."""
+        plain = self.readings.plain and not self.offset and not any(self.late)
+        if other is None:
+            return plain and self.rig is rig
+        same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
+        return same_noise and self.offset == other.offset and self.late == other.late
 
     def _even(self, log: Log) -> Log:
         """A chunk on an even clock and without the offset of its voltage."""
@@ -67,4 +84,6 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
     return off if math.isfinite(off) and abs(off) > doubt else 0.0
 
 
+SAME_NOISE = 0.1  # relative: less is no news
+LEARNABLE = FEWEST  # samples of a stream
 OFFSET_SAMPLES = 400.0  # of a usual rest
