@@ -263,7 +263,8 @@ class Outcome:
     """What one command has to say about one log: what `report.py` prints, or the reason why there is nothing.
 
     log: the log without its samples (t, z, w_cmd and pitch are empty; everything else is kept); samples, rate_hz and
-    duration_s of the whole log; modes: the m hypotheses in the order of the traces. overview and zoom: see Traces.
+    duration_s of the whole log; acquisition, warnings: what its logger does, and what that hides; modes: the m hypotheses in
+    the order of the traces. overview and zoom: see Traces.
     """
 
     name: str
@@ -279,3 +280,5 @@ class Outcome:
     explanation: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
     error: str | None = None
+    acquisition: Acquisition | None = None
+    warnings: tuple[str, ...] = ()

@@ -64,6 +64,8 @@ def run_diagnose(args: argparse.Namespace) -> int:
         taken(path, names[path], folder)
         if not args.quiet and not args.json:
             print(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
+            for warning in outcome.warnings:
+                print(f"  warning: {warning}")
         return report.report_dict(outcome)
 
     shown = [_one_of(names, one, path) for path in progress(names, args, len(names), "log")]

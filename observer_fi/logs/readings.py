@@ -28,7 +28,9 @@ class Readings:
             for c, usual in zip(channels, noise_std.tolist(), strict=True)
         ]
         self.rate_hz = rate_hz
-        self.last = np.full(3, np.nan)  # reading, when it came, and how many ticks it has stood since, of each channel
+        self.last = np.full(
+            3, np.nan
+        )  # reading, when it came, and how many ticks it has stood since, of each channel
         self.since = np.zeros(3)
         self.ticks = np.full(3, -1)
 

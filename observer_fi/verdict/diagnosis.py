@@ -28,6 +28,7 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.as_logged import AsLogged
+from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
@@ -282,7 +283,12 @@ class Diagnosis:
             None if lack else sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
+            acquisition=self.as_logged.acquisition if self.as_logged else None, warnings=self._warnings(isolation),
         )  # fmt: skip
+
+    def _warnings(self, isolation: Isolation) -> tuple[str, ...]:
+        known = cautions(self.as_logged, isolation, self.rate) if self.as_logged else ()
+        return (*(self.suspects or ()), *known)
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

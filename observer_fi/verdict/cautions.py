@@ -1,0 +1,100 @@
+"""Sentences that change how far a verdict can be trusted: traits of the logger that hide something, a model that does not fit."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from observer_fi.physics import NOT_TESTED
+from observer_fi.records import ChannelTraits, Isolation
+from observer_fi.verdict.as_logged import AsLogged
+
+COLUMNS = {"voltage": ("voltage_v", "V"), "current": ("current_a", "A"), "position": ("position_m", "m")}
+MISFIT = 2.0  # times its expected NIS: the model is of another machine
+LOUD = 2.0  # times the noise of the rig file
+COARSE = 2.0  # steps of so many standard deviations hide what is smaller
+LATE = 0.5  # samples
+
+
+class Part(NamedTuple):
+    """One channel: its column and unit, its traits, its noise in the rig file, and how many samples it is late."""
+
+    column: str
+    unit: str
+    traits: ChannelTraits
+    usual: float
+    late: float
+
+
+def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str, ...]:
+    """What to say of a log and its verdict, none of an ideal logger on a rig that is the rig file's."""
+    found = [*_of_the_model(isolation)]
+    usual = known.rig.file_noise_std.tolist()
+    for (name, (column, unit)), noise, late in zip(COLUMNS.items(), usual, known.late, strict=True):
+        part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late))
+        found += [*_of_readings(part, rate_hz), *_of_noise(part), *_of_time(part, rate_hz)]
+    if known.offset:
+        found.append(
+            f"voltage_v reads {known.offset:.3g} V more at rest than current_a explains: taken for zero offsets and taken out; "
+            "zero the sensors"
+        )
+    step = known.acquisition.clock.resolution_s
+    if step:
+        found.append(
+            f"time_s is rounded to {step:.3g} s: taken for an even clock; log times with more digits"
+        )
+    return tuple(found)
+
+
+def _of_the_model(isolation: Isolation) -> Iterator[str]:
+    fit = isolation.consistency
+    if isolation.verdict.label != NOT_TESTED and fit.nis_mean > MISFIT * fit.nis_expected:
+        yield (
+            f"no hypothesis describes this machine as well as its sensors can tell (normalised innovation squared "
+            f"{fit.nis_mean:.3g}, {fit.nis_expected:.2g} expected): is it another actuator, unit or load than the rig file's? "
+            "Identify the rig from healthy logs first"
+        )
+
+
+def _of_readings(part: Part, rate_hz: float) -> Iterator[str]:
+    traits = part.traits
+    if traits.update_hz:
+        yield (
+            f"{part.column} is held, fresh {traits.update_hz:.4g} times a second: what a fault does to it shows up to "
+            f"{1e3 / traits.update_hz:.3g} ms late; log it at {rate_hz:.4g} Hz"
+        )
+    if traits.resolution and traits.resolution > COARSE * max(traits.noise_std, part.usual):
+        yield (
+            f"{part.column} comes in steps of {traits.resolution:.3g} {part.unit}, more than its noise: what is smaller shows "
+            "only once it has added up; choose a finer range or more digits"
+        )
+
+
+def _of_noise(part: Part) -> Iterator[str]:
+    traits = part.traits
+    if not traits.as_white > LOUD * part.usual:
+        return
+    if traits.lines:
+        lines = ", ".join(
+            f"{line.hz:.4g} Hz ({line.amplitude:.2g} {part.unit})" for line in sorted(traits.lines)
+        )
+        why, cure = f"carries periodic disturbances at {lines}", "shield or ground it"
+    elif traits.correlation_s:
+        why, cure = f"has noise that wanders over {1e3 * traits.correlation_s:.2g} ms", "look for its source"
+    else:
+        why, cure = f"has a noise of {traits.noise_std:.2g} {part.unit}", "look for its source"
+    yield (
+        f"{part.column} {why}, and tells as little as with {traits.as_white / part.usual:.2g} times the noise of the rig file: "
+        f"small faults do not show in it, others later; {cure}"
+    )
+
+
+def _of_time(part: Part, rate_hz: float) -> Iterator[str]:
+    if part.traits.averaged > 1:
+        yield (
+            f"{part.column} is a mean of the last {part.traits.averaged} samples: what a fault does to it shows up to "
+            f"{1e3 * part.traits.averaged / rate_hz:.2g} ms late; log it without"
+        )
+    elif part.late >= LATE:
+        yield (
+            f"{part.column} is {1e3 * part.late / rate_hz:.2g} ms later than the other channels: set right; log all channels at "
+            "one time"
+        )
