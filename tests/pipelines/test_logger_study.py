@@ -59,7 +59,7 @@ def test_a_line_counts_with_its_size_and_place() -> None:
 
 def test_tables_count_what_was_said() -> None:
     row = {"trait": "noise_3", "label": "nominal", "kind": "", "channel": "", "said": "unknown", "said_channel": "",
-           "probability": 0.99, "right": False, "delay_ms": None, "missed": "current noise; jitter"}  # fmt: skip
+           "probability": 0.99, "named": False, "right": False, "delay_ms": None, "missed": "current noise; jitter"}  # fmt: skip
     right = {**row, "label": "overload", "said": "overload", "right": True, "delay_ms": 12.0, "missed": ""}
     table = logger_study.by_trait(pd.DataFrame([row, right])).loc["noise_3"]
     assert (table["moves"], table["right"], table["false alarms"], table["confident and wrong"]) == (
