@@ -3,6 +3,7 @@
 Arrays are float64, SI units, on the log's own clock; n is the number of samples.
 """
 
+import math
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -89,7 +90,8 @@ class ChannelTraits(NamedTuple):
 
     noise_std: without lines and rounding; as_white: standard deviation of the white noise that says as little about what is
     slow; resolution: the step of the readings, update_hz: how often a held one is fresh, correlation_s: of coloured noise,
-    None where there is none; spikes: how many were seen at rest.
+    None where there is none; spikes: how many were seen at rest; averaged: samples of which a reading is the mean; offset: mean
+    reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before.
     """
 
     noise_std: float
@@ -99,13 +101,17 @@ class ChannelTraits(NamedTuple):
     lines: tuple[Line, ...] = ()
     correlation_s: float | None = None
     spikes: int = 0
+    averaged: int = 1
+    offset: float = 0.0
+    neighbour_std: float = math.nan
 
 
 class Clock(NamedTuple):
-    """Jitter of time stamps and their step [s], None where they are as fine as the jitter."""
+    """Jitter of time stamps and their step [s], None where they are as fine as the jitter; the usual interval of samples [s]."""
 
     jitter_s: float
     resolution_s: float | None
+    interval_s: float
 
 
 class Acquisition(NamedTuple):

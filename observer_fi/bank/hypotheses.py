@@ -167,7 +167,7 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
 
     Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step.
     """
-    fine = settings.repeat_scale * np.minimum(rig.file_noise_std, rig.noise_std)
+    fine = settings.repeat_scale * rig.neighbour_std
     return np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
 
 

@@ -306,14 +306,14 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 @inlined
-def failed_channel(z, previous, y, spread, sigma, repeat, bias, variance, tuning):
+def failed_channel(z, previous, y, spread, sigma, share, bias, variance, tuning):
     """Log-density of a channel that has failed, and its bias afterwards, mean and variance.
 
     z, previous: reading now and a sample ago (infinite where there was none); y: what the state predicts, with variance
-    `spread`; sigma: the channel's noise, repeat: the share of it within which a reading repeats itself; bias, variance: what its bias was. A failed channel is off by a slowly moving
-    bias, or repeats itself, or is noisy; tuning: (weight of repeating, weight of noise, its scale in sigma).
+    `spread`; sigma: the channel's noise, share: that of it within which a reading repeats itself; bias, variance: what its
+    bias was. A failed channel is off by a slowly moving bias, or repeats itself, or is noisy; tuning: (weight of repeating, weight of noise, its scale in sigma).
     """
-    wide, narrow = tuning[2] * sigma, repeat * sigma
+    wide, narrow = tuning[2] * sigma, share * sigma
     S = spread + variance + sigma * sigma
     noise, repeat = S + wide * wide, narrow * narrow
     e, change = z - y - bias, z - previous

@@ -6,7 +6,6 @@ the first sample on: the rest before the first move has the say, later ones coun
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,12 @@ MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this s
 HELD = 0.3  # share of repeated readings from which a channel may be held
 TICKS = 12  # changes that tell an update rate
 LINE = 25.0  # times the spectrum beside it, from which a line is one: noise reaches 12
-BESIDE = 15  # bins on either side that a line is compared with
-FINEST = 3.0  # periods in a rest that a line needs at least
+BESIDE, PEAK = 18, 4  # bins on either side that a line is compared with, and those that are its own
+FINEST = 5.0  # periods in a rest that a line needs at least
 MOST_LINES = 4
+OPPOSITE = (
+    -0.38
+)  # autocorrelation of differences that shows a mean: -0.5 but for the error of a rest of 600 samples
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
@@ -78,8 +80,10 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     rounding = 0.0 if coarse is None else coarse**2 / 12.0
     noise = math.sqrt(max(variance - rounding, 0.0))
     factor, time = colour_of([y for _, y in quiet], every * interval) if noise > 0.0 else (1.0, None)
-    return ChannelTraits(noise, _as_white(noise, factor, lines, rounding, usual), coarse, held and 1.0 / (held * interval),
-                         lines, time, spikes)  # fmt: skip
+    return ChannelTraits(
+        noise, _as_white(noise, factor, lines, rounding, usual), coarse, held and 1.0 / (held * interval), lines, time,
+        spikes, averaged_of([y for _, y in quiet]), float(np.nanmean(z[rests[0]])), _between_neighbours([y for _, y in quiet]),
+    )  # fmt: skip
 
 
 def _as_white(noise: float, factor: float, lines: Sequence[Line], rounding: float, usual: float) -> float:
@@ -209,7 +213,7 @@ def _strongest(pieces: Sequence[tuple[Array, Array]]) -> float | None:
     even[index[inside]] = (y * np.hanning(y.size))[inside]
     power = np.abs(np.fft.rfft(even)) ** 2
     first = int(FINEST * even.size / y.size)
-    beside = np.array([_median_beside(power, k) for k in range(power.size)])
+    beside = _beside(power)
     ratio = power / np.maximum(beside, 1e-300)
     ratio[:first], ratio[-2:] = 0.0, 0.0
     k = int(np.argmax(ratio))
@@ -223,10 +227,12 @@ def _strongest(pieces: Sequence[tuple[Array, Array]]) -> float | None:
     return float(best)
 
 
-def _median_beside(power: Array, k: int) -> float:
-    """Median of the spectrum around a bin, without its own peak."""
-    low, high = max(k - 3 * BESIDE, 0), min(k + 3 * BESIDE + 1, power.size)
-    return float(np.median(power[low:high]))
+def _beside(power: Array) -> Array:
+    """Median of a spectrum on the stronger side of each bin, without what may be its own peak."""
+    far = PEAK + BESIDE
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(power, far, mode="reflect"), BESIDE), axis=1)
+    left, right = medians[: power.size], medians[far + PEAK + 1 : far + PEAK + 1 + power.size]
+    return np.maximum(left, right)
 
 
 def _sine(t: Array, y: Array, hz: float) -> Array:
@@ -252,15 +258,37 @@ def colour_of(pieces: Sequence[Array], interval: float) -> tuple[float, float | 
     return 1.0 + 2.0 * float(rho.sum()), interval / max(-fall, 1e-3)
 
 
+def _between_neighbours(pieces: Sequence[Array]) -> float:
+    """Standard deviation of the noise by which readings differ from the ones before."""
+    changes = np.concatenate([np.diff(y) for y in pieces])
+    return math.sqrt(0.5 * float(np.mean(changes**2))) if changes.size else math.nan
+
+
+def averaged_of(pieces: Sequence[Array]) -> int:
+    """Of how many samples of white noise a reading is the mean, 1 of one.
+
+    The mean loses a sample of so long ago whenever it gains one: its differences are opposite at that distance.
+    """
+    y = max(pieces, key=len)
+    lags = y.size // 3
+    if lags < 3:
+        return 1
+    rho = autocorrelation(np.diff(y), lags)
+    k = int(np.argmin(rho))
+    others = np.delete(rho, k)
+    return k + 1 if rho[k] < OPPOSITE and np.abs(others[: 2 * k + 4]).max() < -0.5 * OPPOSITE else 1
+
+
 def clock_of(t: Array) -> Clock:
     """Jitter of the time stamps about even ones, and their step [s]."""
     if t.size < FEWEST:
-        return Clock(0.0, None)
+        return Clock(0.0, None, math.nan)
     dt = np.diff(t)
     interval = float(np.median(dt))
     off = np.abs(dt - interval)
     if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
-        return Clock(0.0, None)
+        return Clock(0.0, None, interval)
     step = resolution_of(dt)
     coarse = step if step and 0.05 * interval < step else None
-    return Clock(float(np.std(dt[dt < 1.5 * interval + (coarse or 0.0)])) / math.sqrt(2.0), coarse)
+    usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
+    return Clock(float(np.std(usual)) / math.sqrt(2.0), coarse, float(usual.mean()) if coarse else interval)

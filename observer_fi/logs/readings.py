@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
+FEWEST = 100  # time stamps that tell an even clock
 STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
 
 
@@ -65,3 +66,17 @@ class Readings:
 def _ticks(c: ChannelTraits, rate_hz: float) -> int:
     """Samples between two updates of a reading, 1 where it is not held."""
     return 1 if c.update_hz is None else max(math.ceil(rate_hz / c.update_hz - 1e-3), 1)
+
+
+def even(t: Array, interval: float, step: float) -> Array:
+    """Time stamps (n,) as they were before they were rounded to multiples of `step`, where the clock was an even one.
+
+    As they are where samples do not stand at multiples of an interval of about `interval` [s].
+    """
+    if t.size < FEWEST or step >= interval:
+        return t
+    for _ in range(3):
+        count = np.round((t - t[0]) / interval)
+        interval, begin = np.polyfit(count, t, 1)
+    off = t - (begin + interval * count)
+    return begin + interval * count if np.abs(off).max() < step and (np.diff(count) >= 1.0).all() else t

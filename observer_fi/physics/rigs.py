@@ -43,6 +43,7 @@ _NEUTRAL = tuple(
 
 
 NOTICED = 1.15  # times the noise of the rig file: less is the rig file's
+LEAST_CHANGE = 1e-3  # of that noise: what readings change by at least
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,13 @@ class Rig:
     def file_noise_std(self) -> Array:
         """(3,) what the rig file says of the noise, V, A, m."""
         return np.array([self.noise["voltage"], self.noise["current"], self.noise["position"]])
+
+    @property
+    def neighbour_std(self) -> Array:
+        """(3,) standard deviation of what noise alone changes from reading to reading, V, A, m, at most that of the file."""
+        usual = self.file_noise_std
+        seen = np.array([c.neighbour_std for c in self.logger[:3]]) if self.logger else usual
+        return np.clip(np.where(np.isfinite(seen), seen, usual), LEAST_CHANGE * usual, usual)
 
     @property
     def step(self) -> Array:

@@ -11,8 +11,6 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis
 from observer_fi.bank import compiled_bank as kernels
-from observer_fi.logs.acquisition import acquisition_of
-from observer_fi.logs.readings import Readings
 from observer_fi.logs import (
     ABSENT,
     CHUNK_ROWS,
@@ -29,11 +27,12 @@ from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
+from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
-from observer_fi.verdict.testable import Testable, for_readings, untested
+from observer_fi.verdict.testable import Testable, untested
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
@@ -124,8 +123,8 @@ class Diagnosis:
         detected_at: float | None = None,
     ) -> None:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
-        self.logged, self.acquisition = rig, None
-        self.readings: Readings | None = None
+        self.logged = rig
+        self.as_logged: AsLogged | None = None
         self.engine, self.filter_kind = engine, filter_kind
         self._make_banks()
         modes = tuple(h.name for h in self.bank.hypotheses)
@@ -179,15 +178,13 @@ class Diagnosis:
 
     def _taken(self, log: Log) -> Log:
         """The next chunk as filters may take it; the first one says what its logger does, and the bank is fitted to that."""
-        if self.readings is None:
-            self.acquisition = acquisition_of(log, self.rig.noise_std)
-            self.readings = Readings(self.acquisition, log.rate_hz, self.rig.noise_std)
-            bank = for_readings(self.settings.bank, self.rig, log.z)
-            rig = replace(self.rig, logger=self.acquisition)
-            as_filed = (rig.noise_std == self.rig.noise_std).all() and not rig.step.any()
-            self.settings, self.logged = replace(self.settings, bank=bank), self.rig if as_filed else rig
-            self._make_banks()
-        return self.readings.take(log)
+        if self.as_logged is None:
+            self.as_logged = AsLogged(log, self.rig, self.settings.bank)
+            known = self.as_logged
+            if known.rig is not self.rig or known.settings is not self.settings.bank:
+                self.settings, self.logged = replace(self.settings, bank=known.settings), known.rig
+                self._make_banks()
+        return self.as_logged.take(log)
 
     def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
         self.path, self.memory = log.path, memory

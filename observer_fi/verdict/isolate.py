@@ -7,6 +7,7 @@ and a stream end in the same verdict.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,6 +99,9 @@ class EventTracker:
         self.nominal_ratios = np.empty(0)
         self.not_nominal = -np.inf
         self.winner = -1
+        self.held = 0  # samples of the last winner in motion
+        self.settled: Array | None = None  # what there was before it
+        self.closed: dict[int, Run] = {}  # the last run of each that ended
         self.unsettled = np.zeros(SETTLING - 1, dtype=np.bool_)
         self.misfits: dict[int, float] = {}
         self.strained: set[int] = set()
@@ -140,7 +144,24 @@ class EventTracker:
             self.doubted = float(e.t[after]) if after < e.t.size else np.nan
         elif np.isnan(self.doubted):
             self.doubted = float(e.t[0])
-        self.final = p[-1]
+        self._settle(p)
+
+    def _settle(self, p: Array) -> None:
+        """Keep how long the winner has been it, and the probabilities before that."""
+        winner = p.argmax(axis=1)
+        bounds = [0, *(np.flatnonzero(np.diff(winner)) + 1).tolist(), len(p)]
+        for first, last in pairwise(bounds):
+            if self.final is not None and winner[first] != int(self.final.argmax()):
+                self.settled = self.final if self.held >= SETTLING else self.settled
+                self.held = 0
+            self.held += last - first
+            self.final = p[last - 1]
+
+    def _at_the_end(self) -> Array | None:
+        """The last probabilities in motion; those before it, where another winner came up just as the motion ended."""
+        if self.rest_samples and self.held < SETTLING and self.settled is not None:
+            return self.settled
+        return self.final
 
     def _runs(self, j: int, t: Array, sure: Mask, nominal: Mask) -> None:
         """Update since when hypothesis j is certain; a long run that ends stays on record."""
@@ -157,6 +178,8 @@ class EventTracker:
     def _close(self, j: int, now: float) -> None:
         run = self.certain.pop(j, None)
         self._doubt(j, run, now)
+        if run is not None:
+            self.closed[j] = run
         if run is None or j in self.latched or now - run.since < self.settings.latch_s:
             return
         heals = FAULTS[label_of(self.modes[j])].heals  # nominal is entered from it, and so fits all the time
@@ -229,16 +252,17 @@ class EventTracker:
 
     def rests_calmly(self, nis: Array) -> bool:
         """Whether more samples at rest, nis (n, m), leave the verdict of the motion as it is after each of them."""
-        p = self.final
+        p = self._at_the_end()
         sums = self.rest_nis + self._capped(nis).cumsum(axis=0)
         samples = self.rest_samples + np.arange(1, len(nis) + 1)
         return p is not None and not self._rest_misfits(sums[:, int(p.argmax())], samples).any()
 
     def verdict(self) -> Event:
         """The verdict on the move so far."""
-        p = np.eye(len(self.modes))[0] if self.final is None else self.final
+        p = self._at_the_end()
+        p = np.eye(len(self.modes))[0] if p is None else p
         j = int(p.argmax())
-        run = self.certain.get(j)
+        run = self.certain.get(j) or self.closed.get(j)
         reasons: list[str] = []
         if self.modes[j] == NOMINAL:
             came_and_went = {

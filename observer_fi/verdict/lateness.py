@@ -1,0 +1,183 @@
+"""How late a logger's channels are against each other, measured at the first start of a log, and readings set right.
+
+A start is where readings change most from sample to sample: there the nominal hypothesis tells delays of a tenth of a
+sample. Channels that are early are set back to the latest of voltage and current, so that no later sample is needed; what
+that one is behind the command is a delay of the servo's input, and a position that is later still a delay of its sensor.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import Bank
+from observer_fi.logs import moves_from_rest
+from observer_fi.physics import Rig, with_values
+from observer_fi.records import Log
+from observer_fi.settings import BankSettings
+
+BEFORE_S, AFTER_S = 0.12, 0.25  # of the start of a move
+FEWEST = 60  # samples in motion there
+NOTICED_NATS = 40.0  # that a delay must be worth
+LEAST = 0.08  # of a sample
+FIRST_LOOK = 0.25  # samples
+FITS = 1.6  # times its expected NIS: a start that nominal explains has no delays
+RELATIVE = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
+COMMON = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+FIRST_LOOK_OF_POSITION = (4.0, 16.0)
+NOTICED_OF_POSITION = 15.0  # nats: it changes little in a start
+OF_POSITION = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+
+
+class Lateness(NamedTuple):
+    """How many samples voltage, current and position are behind the command."""
+
+    voltage: float = 0.0
+    current: float = 0.0
+    position: float = 0.0
+
+    @property
+    def electrical(self) -> float:
+        """The later one of voltage and current."""
+        return max(self.voltage, self.current)
+
+
+class SetBack:
+    """Readings of one log, chunk by chunk, with voltage, current and position at one time."""
+
+    def __init__(self, late: Lateness) -> None:
+        common = late.electrical
+        self.samples = [max(common - own, 0.0) for own in late]
+        self.before = np.empty((0, 3))
+
+    def take(self, log: Log) -> Log:
+        """The next chunk."""
+        if not any(self.samples):
+            return log
+        room = int(np.ceil(max(self.samples)))
+        known = (
+            np.vstack((self.before, log.z)) if self.before.size else np.vstack((*(log.z[:1],) * room, log.z))
+        )
+        out = np.empty_like(log.z)
+        for c, samples in enumerate(self.samples):
+            whole = int(np.floor(samples))
+            share, last = samples - whole, known.shape[0] - whole
+            now = known[last - len(log.z) : last, c]
+            out[:, c] = (
+                now if not share else (1.0 - share) * now + share * known[last - len(log.z) - 1 : last - 1, c]
+            )
+        self.before = known[-room:]
+        return replace(log, z=out)
+
+
+def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:
+    """The rig whose servo and position sensor are as late as what `SetBack` leaves of the readings. interval: [s]."""
+    if not any(late):
+        return rig
+    common, model = late.electrical, rig.model
+    return with_values(rig, {
+        "input_delay": model["input_delay"] + common * interval,
+        "position_delay": model["position_delay"] + max(late.position - common, 0.0) * interval,
+    })  # fmt: skip
+
+
+def lateness_of(log: Log, rig: Rig, settings: BankSettings, known: Lateness) -> Lateness:
+    """How late the channels of a log are; what is `known` where its first start does not tell."""
+    cut = _start(log)
+    if cut is None or not rig.driven.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+        return known
+    gain = _Gains(cut, rig, settings)
+    best = _electrical(gain, known)
+    return best if known.position else _position(gain, best)
+
+
+def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
+    """Delays of voltage and current, the position beside them; nothing: where they do not tell."""
+    known = _parts(nothing)
+    near = max(gain(_shifted(**(known | {"r": known["r"] + r}))) for r in (-FIRST_LOOK, FIRST_LOOK)) - gain(
+        nothing
+    )
+    if near < NOTICED_NATS and gain.misfit < FITS:
+        return nothing
+    best = _best(gain, nothing, "r", RELATIVE)
+    best = _best(gain, best, "common", COMMON)
+    best = _finer(gain, _finer(gain, best, "r", 0.25), "r", 0.08)
+    best = _finer(gain, best, "common", 0.25)
+    best = _finer(gain, best, "r", 0.05)
+    return nothing if gain(best) - gain(nothing) < NOTICED_NATS or best.electrical < LEAST else best
+
+
+def _position(gain: "_Gains", best: Lateness) -> Lateness:
+    """The same with the delay of the position, where it has one of samples."""
+    later = _best(gain, best, "position", FIRST_LOOK_OF_POSITION)
+    if later is best:
+        return best
+    later = _best(gain, best, "position", OF_POSITION)
+    later = _finer(gain, later, "position", 0.5 * _parts(later)["position"])
+    return later if gain(later) - gain(best) > NOTICED_OF_POSITION else best
+
+
+def _start(log: Log) -> Log | None:
+    """The first start from rest with enough rest before it, None where there is none."""
+    for move in moves_from_rest(log):
+        first, last = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))
+        if move.start - max(first, move.rest) >= FEWEST and min(last, move.stop) - move.start >= FEWEST:
+            part = slice(max(int(first), move.rest), int(min(last, move.stop)))
+            return replace(log, t=log.t[part], z=log.z[part], w_cmd=log.w_cmd[part], pitch=log.pitch[part])
+    return None
+
+
+class _Gains:
+    """Nats by which delays explain a start better than none. misfit: NIS of nominal without any, over its expectation."""
+
+    def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
+        self.log, self.rig, self.settings = log, rig, settings
+        self.interval = float(np.median(np.diff(log.t)))
+        self.known: dict[Lateness, float] = {}
+        self.misfit = 0.0
+        self.nothing = self._nats(Lateness())
+
+    def __call__(self, late: Lateness) -> float:
+        if late not in self.known:
+            self.known[late] = self._nats(late) - self.nothing
+        return self.known[late]
+
+    def _nats(self, late: Lateness) -> float:
+        """Log-likelihood of the motion, less that of as much rest: what mixing of samples makes of the noise is no gain."""
+        rig = set_right(self.rig, late, self.interval)
+        log = SetBack(late).take(self.log)
+        e = Bank(rig, self.settings).advance(log)
+        moving = np.cumsum(log.w_cmd != 0.0) > 0
+        rest = ~moving
+        rest[:8] = False
+        nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
+        self.misfit = self.misfit or float(np.nanmean(nis))
+        return float(e.density[moving, 0].sum() - e.density[rest, 0].mean() * moving.sum())
+
+
+def _shifted(r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:
+    """Delays with current r samples behind voltage (before it where negative), both by `common` more, position by its own."""
+    return Lateness(common + max(-r, 0.0), common + max(r, 0.0), common + position)
+
+
+def _parts(late: Lateness) -> dict[str, float]:
+    common = min(late.voltage, late.current)
+    return {"r": late.current - late.voltage, "common": common, "position": late.position - common}
+
+
+def _best(
+    gain: Callable[[Lateness], float], late: Lateness, part: str, values: tuple[float, ...]
+) -> Lateness:
+    """The best of some values of one part of the delays."""
+    tried = [_shifted(**(_parts(late) | {part: value})) for value in values]
+    return max([late, *tried], key=gain)
+
+
+def _finer(gain: Callable[[Lateness], float], late: Lateness, part: str, step: float) -> Lateness:
+    """The best one a step to either side, half a step, a quarter."""
+    for width in (step, 0.5 * step):
+        at = _parts(late)[part]
+        values = [v for v in (at - width, at + width) if part == "r" or v >= 0.0]
+        late = _best(gain, late, part, tuple(values))
+    return late
