@@ -9,7 +9,7 @@ from hidden.sensors import COLUMNS
 from observer_fi.records import Acquisition, ChannelTraits, Clock
 
 NOISE, RESOLUTION, LINE_HZ, LINE_AMPLITUDE = 0.10, 0.05, 0.2, 0.15  # relative but for Hz
-JITTER, EXACT = 0.15, 1e-4  # relative
+JITTER, AVERAGED, EXACT = 0.15, 0.10, 1e-4  # relative
 REST_S = (
     0.3  # of a move's log, in which the noise is measured: it cannot be known better than from these readings
 )
@@ -35,6 +35,7 @@ def _missed(sizes: dict[str, Any], traits: ChannelTraits, rate_hz: float) -> lis
         "noise": _noise_right(sizes, traits, sizes["update_hz"] or rate_hz),
         "resolution": _resolution_right(sizes, traits),
         "update rate": _alike(sizes["update_hz"], traits.update_hz, EXACT),
+        "averaging": _alike((sizes["averaged_s"] or 1.0 / rate_hz) * rate_hz, traits.averaged, AVERAGED),
         "lines": _lines_right(sizes, traits),
         "colour": _colour_right(sizes["correlation_s"], traits.correlation_s),
     }

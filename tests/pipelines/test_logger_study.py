@@ -12,7 +12,7 @@ from pipelines import logger_study
 from pipelines.logger_study_found import found
 
 NO_SPIKES = {"voltage": 0, "current": 0, "position": 0}
-PLAIN = Acquisition(*(ChannelTraits(std, std) for std in (10e-3, 0.3e-3, 10e-6)), Clock(0.0, None))
+PLAIN = Acquisition(*(ChannelTraits(std, std) for std in (10e-3, 0.3e-3, 10e-6)), Clock(0.0, None, 1 / 1600))
 
 
 def sizes(name: str) -> dict:
@@ -35,6 +35,7 @@ def test_nothing_is_missed_of_an_ideal_logger() -> None:
         ("position_60hz", "position update rate"),
         ("hum_50hz", "voltage lines; current lines"),
         ("coloured", "voltage colour; current colour; position colour"),
+        ("position_averaged", "position noise; position averaging; position colour"),
         ("milliseconds", "clock resolution"),
         ("jitter", "jitter"),
     ],
