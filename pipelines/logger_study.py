@@ -60,6 +60,7 @@ def _said(job: Job, outcome: Outcome, truth: dict[str, Any], first_s: float) -> 
         return {
             "said": "no verdict",
             "said_channel": "",
+            "named": False,
             "alike": "",
             "probability": 0.0,
             "right": False,
@@ -69,7 +70,7 @@ def _said(job: Job, outcome: Outcome, truth: dict[str, Any], first_s: float) -> 
     named = verdict.label == job.label and (not job.channel or verdict.channel == job.channel)
     onset, isolated = truth["onset_s"], verdict.isolated_s
     return {
-        "said": verdict.label, "said_channel": verdict.channel or "", "alike": " ".join(verdict.alike),
+        "said": verdict.label, "said_channel": verdict.channel or "", "named": named, "alike": " ".join(verdict.alike),
         "probability": verdict.probability, "right": named or job.label in verdict.alike,
         "delay_ms": 1e3 * (isolated - max(onset, first_s)) if named and onset is not None and isolated is not None else None,
     }  # fmt: skip
@@ -118,9 +119,10 @@ def by_failure(frame: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for (kind, channel), g in frame.groupby(["kind", "channel"], sort=False):
         blamed = g["said"].isin(["coupling_loss", "overload"]) & (g["probability"] > CONFIDENT)
-        others = g["said"].str.cat(g["said_channel"], sep=" ").str.strip()[~g["right"]]
+        others = g["said"].str.cat(g["said_channel"], sep=" ").str.strip()[~g["named"]]
         rows.append({
             "kind": kind, "channel": channel, "moves": len(g), "right": int(g["right"].sum()),
+            "by name and channel": int(g["named"].sum()),
             "delay median ms": g["delay_ms"].astype(float).median(), "actuator blamed with more than 0.95": int(blamed.sum()),
             "said otherwise": _counts(others),
         })  # fmt: skip
@@ -144,7 +146,7 @@ def _found(missed: pd.Series) -> str:
 def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
     """The report."""
     through, failing = frame[frame["label"] != "sensor_fault"], frame[frame["label"] == "sensor_fault"]
-    keeps = through["trait"].map(lambda name: hidden.trait_of(name).keeps)
+    keeps = through["trait"].map(lambda name: hidden.trait_of(name).keeps).astype(bool)
     wrong = ~through["right"] & (through["probability"] > CONFIDENT)
     right = f"{int(through.loc[keeps, 'right'].sum())} of {int(keeps.sum())}"
     sizes = ", ".join(f"{kind} {factor * size:g}" for kind, size in hidden.FAILING_SIGMAS.items())

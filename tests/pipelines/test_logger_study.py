@@ -12,7 +12,7 @@ from pipelines import logger_study
 from pipelines.logger_study_found import found
 
 NO_SPIKES = {"voltage": 0, "current": 0, "position": 0}
-PLAIN = Acquisition(*(ChannelTraits(std, std) for std in (10e-3, 0.3e-3, 10e-6)), Clock(0.0, None))
+PLAIN = Acquisition(*(ChannelTraits(std, std) for std in (10e-3, 0.3e-3, 10e-6)), Clock(0.0, None, 1 / 1600))
 
 
 def sizes(name: str) -> dict:
@@ -35,6 +35,7 @@ def test_nothing_is_missed_of_an_ideal_logger() -> None:
         ("position_60hz", "position update rate"),
         ("hum_50hz", "voltage lines; current lines"),
         ("coloured", "voltage colour; current colour; position colour"),
+        ("position_averaged", "position noise; position averaging; position colour"),
         ("milliseconds", "clock resolution"),
         ("jitter", "jitter"),
     ],
@@ -59,7 +60,7 @@ def test_a_line_counts_with_its_size_and_place() -> None:
 
 def test_tables_count_what_was_said() -> None:
     row = {"trait": "noise_3", "label": "nominal", "kind": "", "channel": "", "said": "unknown", "said_channel": "",
-           "probability": 0.99, "right": False, "delay_ms": None, "missed": "current noise; jitter"}  # fmt: skip
+           "probability": 0.99, "named": False, "right": False, "delay_ms": None, "missed": "current noise; jitter"}  # fmt: skip
     right = {**row, "label": "overload", "said": "overload", "right": True, "delay_ms": 12.0, "missed": ""}
     table = logger_study.by_trait(pd.DataFrame([row, right])).loc["noise_3"]
     assert (table["moves"], table["right"], table["false alarms"], table["confident and wrong"]) == (
