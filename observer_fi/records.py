@@ -90,7 +90,7 @@ class ChannelTraits(NamedTuple):
 
     noise_std: without lines and rounding; as_white: standard deviation of the white noise that says as little about what is
     slow; resolution: the step of the readings, update_hz: how often a held one is fresh, correlation_s: of coloured noise,
-    None where there is none; spikes: how many were seen at rest; averaged: samples of which a reading is the mean; offset: mean
+    None where there is none; spikes: how many there are; averaged: samples of which a reading is the mean; offset: mean
     reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
     repeats: share of readings at rest that repeat the one before, though no hold is known.
     """

@@ -48,6 +48,9 @@ class BankSettings:
     # A glitch: farther than this many standard deviations, for at most so many samples.
     glitch_sigma: float = 8.0
     glitch_samples: int = 3
+    # What one counts, as a normalised innovation squared: as much as the farthest reading that is none; less where a log is
+    # seen to have spikes: one in a thousand readings, anywhere within a hundred standard deviations.
+    glitch_nis: float = 64.0
     substep_s: float = 7e-4
 
 

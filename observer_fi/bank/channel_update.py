@@ -13,8 +13,8 @@ from observer_fi.numerics import inlined, sqrt, where_above, zeros_like
 def gate(tune, r, c, e, S):
     """Gain of channel c over P h', its NIS, and twice its log-density without the variance, which goes into r.product.
 
-    A glitch, an innovation e of variance S beyond `glitch` standard deviations for at most `glitch_samples`, counts as one at
-    the gate and moves nothing; nor does a channel that a hypothesis does not believe.
+    A glitch, an innovation e of variance S beyond `glitch` standard deviations for at most `glitch_samples`, counts
+    `glitch_nis` and moves nothing; nor does a channel that a hypothesis does not believe.
     """
     believed, per_S, limit, count = 1.0 - r.failed[c], 1.0 / S, tune.glitch * tune.glitch, r.glitches[c]
     far = where_above(e * e, limit * S, 1.0, 0.0)
@@ -22,7 +22,7 @@ def gate(tune, r, c, e, S):
     r.glitches[c] = where_above(believed, 0.5, far * (count + glitch), count)
     r.e[c], r.S[c] = e, S
     r.product[0] = r.product[0] * where_above(believed, 0.5, S, 1.0)
-    nis = believed * where_above(glitch, 0.5, limit, e * e * per_S)
+    nis = believed * where_above(glitch, 0.5, tune.glitch_nis, e * e * per_S)
     return where_above(glitch, 0.5, 0.0, believed * per_S), nis, -believed * tr.LOG_2PI - nis
 
 

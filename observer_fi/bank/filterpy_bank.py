@@ -190,9 +190,9 @@ class Observer:
             off, var = _given(e, S, accepted, c)
             self.seen[c] = off / np.sqrt(var)
             glitch = self._is_glitch(c, off * off > limit * limit * var)
-            counted = limit if glitch else off / np.sqrt(var)
-            self.nis += counted**2
-            self.log_density -= 0.5 * (tr.LOG_2PI + np.log(var) + counted**2) + np.log(self.sigma[c])
+            counted = self.tune.glitch_nis if glitch else off * off / var
+            self.nis += counted
+            self.log_density -= 0.5 * (tr.LOG_2PI + np.log(var) + counted) + np.log(self.sigma[c])
             if not glitch:
                 accepted.append(c)
         return accepted

@@ -137,6 +137,7 @@ class Tuning(NamedTuple):
     failed: Array
     glitch: float
     glitch_samples: float
+    glitch_nis: float
     longest: float
     mended: float
 
@@ -156,6 +157,7 @@ def tuning(settings: BankSettings) -> Tuning:
         failed,
         settings.glitch_sigma,
         float(settings.glitch_samples),
+        settings.glitch_nis,
         SKIPPED_S,
         settings.mended,
     )

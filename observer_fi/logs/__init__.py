@@ -1,5 +1,7 @@
 """Files and lines to logs, and logs to moves."""
 
+from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
+from observer_fi.logs.acquisition import acquisition_of
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
@@ -17,18 +19,23 @@ from observer_fi.logs.moves import (
     settling_time,
 )
 from observer_fi.logs.plain_lines import numbers
+from observer_fi.logs.readings import Readings, even
 from observer_fi.logs.units import suspect_units
 
 __all__ = [
+    "acquisition_of",
+    "even",
     "ABSENT",
     "BrokenLineError",
     "CHUNK_ROWS",
     "Clock",
     "ColumnMap",
     "Excitation",
+    "FEWEST_AT_REST",
     "PLAIN",
     "Parser",
     "Phase",
+    "Readings",
     "Row",
     "SUFFIXES",
     "Splitter",

@@ -16,14 +16,22 @@ from observer_fi.records import Acquisition, Array, ChannelTraits, Clock, Line, 
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
 SETTLED_S = 0.3  # after a stop, until a rest is one
-SPIKE = 6.0  # standard deviations
+SPIKE = 6.0  # standard deviations, at rest
+# By which a spike is off its neighbours: standard deviations, and times their distance from each other.
+FAR, ALONE = 8.0, 4.0
+UNMOVED = 160  # samples on either side of a spike in which the command stands still
+FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
 MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
 HELD = 0.3  # share of repeated readings from which a channel may be held
+OUT_OF_TURN = 0.02  # share of changes that may come sooner than a tick after another
 TICKS = 12  # changes that tell an update rate
+STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
+SAME_ERROR = 2.0  # times the variance of rounding: readings that stand have one error in common
 LINE = 25.0  # times the spectrum beside it, from which a line is one: noise reaches 12
-BESIDE, PEAK = 18, 4  # bins on either side that a line is compared with, and those that are its own
+SURE_LINE = 8.0  # nats beyond what the strongest of so many noise lines has
+BESIDE, PEAK = 36, 4  # bins on either side that a line is compared with, and those that are its own
 FINEST = 5.0  # periods in a rest that a line needs at least
 MOST_LINES = 4
 OPPOSITE = (
@@ -66,26 +74,45 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     held = update_samples(np.round((t - t[0]) / interval).astype(np.int64), z, w_cmd)
     every = held or 1.0
     pieces = [_piece(t[r], z[r], held) for r in rests]
-    pieces = _alike([p for p in pieces if p[0].size >= max(FEWEST / every, 8)])
-    if not pieces:
-        white = _white(z[there])
-        coarse = step if step and step > COARSE * max(white, usual) else None
-        return ChannelTraits(white, math.hypot(max(white, usual), (coarse or 0.0) / math.sqrt(12.0)), coarse,
-                             held and 1.0 / (held * interval))  # fmt: skip
-    spikes = sum(int(p[2]) for p in pieces)
-    quiet = [(at, y) for at, y, _ in pieces]
-    lines, quiet = lines_of(quiet)
-    n = sum(y.size for _, y in quiet)
-    variance = sum(float(y @ y) for _, y in quiet) / n
+    pieces = _alike([p for p in pieces if p[0].size >= max(FEWEST / every, FEWEST_TICKS)])
+    traits = _at_rest(pieces, step, usual, every * interval) if pieces else _in_motion(z[there], step, usual)
+    noise = math.hypot(traits.noise_std, step or 0.0)
+    traits = traits._replace(
+        update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise)
+    )
+    if not rests:
+        return traits
+    first = z[rests[0]]
+    repeats = 0.0 if held else float(np.mean(np.diff(first) == 0.0))
+    return traits._replace(
+        offset=float(np.nanmean(first)) if np.isfinite(first).any() else 0.0, repeats=repeats
+    )
+
+
+def _in_motion(z: Array, step: float | None, usual: float) -> ChannelTraits:
+    """Of a channel without a rest: its white noise, and the step of its readings."""
+    white = _white(z)
+    coarse = step if step and step > COARSE * max(white, usual) else None
+    return ChannelTraits(white, math.hypot(max(white, usual), (coarse or 0.0) / math.sqrt(12.0)), coarse)
+
+
+def _at_rest(
+    pieces: Sequence[tuple[Array, Array]], step: float | None, usual: float, interval: float
+) -> ChannelTraits:
+    """Noise, lines and colour of the readings of rests; interval: of fresh readings [s]."""
+    lines, left = lines_of(pieces)
+    quiet = [y for _, y in left]
+    variance = sum(float(y @ y) for y in quiet) / sum(y.size for y in quiet)
     own = variance - (step or 0.0) ** 2 / 12.0
     coarse = step if step and step > COARSE * math.sqrt(max(own, 0.0)) else None
     rounding = 0.0 if coarse is None else coarse**2 / 12.0
     noise = math.sqrt(max(variance - rounding, 0.0))
-    factor, time = colour_of([y for _, y in quiet], every * interval) if noise > 0.0 else (1.0, None)
+    factor, time = colour_of(quiet, interval) if noise > 0.0 else (1.0, None)
+    stands = coarse is not None and coarse > STANDING * max(noise, usual)
+    error = SAME_ERROR * rounding if stands else rounding
     return ChannelTraits(
-        noise, _as_white(noise, factor, lines, rounding, usual), coarse, held and 1.0 / (held * interval), lines, time,
-        spikes, averaged_of([y for _, y in quiet]), float(np.nanmean(z[rests[0]])), _between_neighbours([y for _, y in quiet]),
-        0.0 if held else float(np.mean(np.diff(z[rests[0]]) == 0.0)),
+        noise, _as_white(noise, factor, lines, error, usual), coarse, lines=lines, correlation_s=time,
+        averaged=averaged_of(quiet), neighbour_std=_between_neighbours(quiet),
     )  # fmt: skip
 
 
@@ -100,24 +127,31 @@ def _as_white(noise: float, factor: float, lines: Sequence[Line], rounding: floa
 LINE_WEIGHT = 1.0
 
 
-def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array, int]:
-    """Times and readings of a rest about their mean, only fresh ones of a held channel, without spikes; how many there were."""
+def spikes_of(z: Array, w_cmd: Array, noise: float) -> int:
+    """Readings far from both neighbours, which are near each other, while the command stands still. noise: of readings."""
+    off, apart = z[1:-1] - 0.5 * (z[2:] + z[:-2]), np.abs(z[2:] - z[:-2])
+    still = np.convolve(np.append(0.0, np.abs(np.diff(w_cmd))), np.ones(2 * UNMOVED), "same")[1:-1] == 0.0
+    return int(np.count_nonzero((np.abs(off) > FAR * noise) & (np.abs(off) > ALONE * apart) & still))
+
+
+def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:
+    """Times and readings of a rest about their mean, only fresh ones of a held channel, without spikes."""
     kept = np.isfinite(z)
     if held:
         kept &= np.append(True, np.diff(z) != 0.0)
     t, y = t[kept], z[kept]
     if not y.size:
-        return t, y, 0
+        return t, y
     y = y - np.median(y)
     usual = 1.4826 * float(np.median(np.abs(y))) or float(y.std())
     spikes = np.abs(y) > SPIKE * usual if usual else np.zeros(y.size, dtype=np.bool_)
     if spikes.mean() > 0.05:
         spikes[:] = False
     y = y[~spikes]
-    return t[~spikes], y - y.mean() if y.size else y, int(spikes.sum())
+    return t[~spikes], y - y.mean() if y.size else y
 
 
-def _alike(pieces: list[tuple[Array, Array, int]]) -> list[tuple[Array, Array, int]]:
+def _alike(pieces: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
     """The first rest and those whose readings scatter as its own do: a failing sensor's do not."""
     if not pieces:
         return []
@@ -155,7 +189,7 @@ def update_samples(row: NDArray[np.int64], z: Array, w_cmd: Array) -> float | No
     A step of coarse readings at constant speed comes at regular times too: the updates of a hold are regular at rest and
     while the speed changes as well.
     """
-    same = np.append(False, np.diff(z) == 0.0)
+    same = np.append(True, np.diff(z) == 0.0)
     at = np.flatnonzero(~same & np.isfinite(z))
     if same.mean() < HELD or at.size < TICKS:
         return None
@@ -184,7 +218,12 @@ def _period(at: NDArray[np.int64], n: int) -> float | None:
     k = lowest + int(found[0])
     k += int(np.argmax(spectrum[k : k + 8]))
     around = marks.size / np.linspace(k - 1.0, k + 1.0, 81)
-    return float(max(around, key=lambda period: _regular(at, period)))
+    period = float(max(around, key=lambda period: _regular(at, period)))
+    if (
+        np.mean(np.diff(at) < period - 1.5) > OUT_OF_TURN
+    ):  # many steps at once, none of them at a tick of its own
+        return None
+    return float(np.polyfit(np.round((at - at[0]) / period), at, 1)[0])
 
 
 def lines_of(pieces: Sequence[tuple[Array, Array]]) -> tuple[tuple[Line, ...], list[tuple[Array, Array]]]:
@@ -197,7 +236,13 @@ def lines_of(pieces: Sequence[tuple[Array, Array]]) -> tuple[tuple[Line, ...], l
             break
         parts = [_sine(t, y, hz) for t, y in left]
         n = sum(y.size for _, y in left)
-        amplitude = math.sqrt(2.0 * sum(float(p @ p) for p in parts) / n)
+        energy, rest = (
+            sum(float(p @ p) for p in q)
+            for q in (parts, [y - p for (_, y), p in zip(left, parts, strict=True)])
+        )
+        if 0.5 * n * energy < (math.log(n) + SURE_LINE) * rest:
+            break
+        amplitude = math.sqrt(2.0 * energy / n)
         lines.append(Line(hz, amplitude))
         left = [(t, y - p) for (t, y), p in zip(left, parts, strict=True)]
     return tuple(lines), left
@@ -284,6 +329,12 @@ def averaged_of(pieces: Sequence[Array]) -> int:
     return k + 1 if rho[k] < OPPOSITE and np.abs(others[: 2 * k + 4]).max() < -0.5 * OPPOSITE else 1
 
 
+def _evenly(t: Array, step: float) -> bool:
+    """Whether time stamps are those of an even clock but for rounding: where rows are missing they are not."""
+    row = np.arange(t.size)
+    return bool(np.abs(t - np.polyval(np.polyfit(row, t, 1), row)).max() < step)
+
+
 def clock_of(t: Array) -> Clock:
     """Jitter of the time stamps about even ones, and their step [s]."""
     if t.size < FEWEST:
@@ -294,6 +345,6 @@ def clock_of(t: Array) -> Clock:
     if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
         return Clock(0.0, None, interval)
     step = resolution_of(dt)
-    coarse = step if step and 0.05 * interval < step else None
+    coarse = step if step and 0.05 * interval < step and (step < 0.9 * interval or _evenly(t, step)) else None
     usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
     return Clock(float(np.std(usual)) / math.sqrt(2.0), coarse, float(usual.mean()) if coarse else interval)

@@ -1,7 +1,7 @@
 """What filters may take of a logger's readings: each held reading once, coarse ones that stand still ever more rarely.
 
 Filters take the noise of their readings for white. A held reading is fresh at its ticks only; one that stands within a step
-much larger than its noise says nothing new, but for that it has not moved, and so counts at samples 1, 2, 4, 8, ... of its
+much larger than its noise says nothing new, but for that it has not moved, and so counts at samples 1, 4, 16, 64, ... of its
 run. Where a sensor ought to have ticked and did not, the repeat counts: it may be frozen.
 """
 
@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.logs.acquisition import STANDING
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
 FEWEST = 100  # time stamps that tell an even clock
-STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
+AGES = np.append(0, 4 ** np.arange(31))  # ticks that a reading has stood for when it counts again
 
 
 class Readings:
@@ -61,7 +62,7 @@ class Readings:
         tick = np.floor((t - since) * self.rate_hz / self.every[c] + 0.25 / self.every[c]).astype(np.int64)
         fresh = changed | (tick != np.append(self.ticks[c], tick[:-1]))
         if self.stands[c]:
-            fresh &= (tick & (tick - 1)) == 0
+            fresh &= np.isin(tick, AGES)
         self.last[c], self.since[c], self.ticks[c] = values[-1], since[-1], tick[-1]
         out[there] = fresh
         return out

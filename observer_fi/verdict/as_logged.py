@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.logs.acquisition import FEWEST, acquisition_of
-from observer_fi.logs.readings import Readings, even
+from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
@@ -30,7 +29,9 @@ class AsLogged:
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
         self.acquisition = acquisition_of(log, rig.noise_std)
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        self.settings = for_readings(settings, rig, log.z)
+        bank = for_readings(settings, rig, log.z)
+        spiky = any(channel.spikes for channel in self.acquisition[:3])
+        self.settings = replace(bank, glitch_nis=min(SPIKE_NIS, bank.glitch_nis)) if spiky else bank
         self.offset = electrical_offset(self.acquisition, rig)
         known = replace(rig, logger=self.acquisition)
         averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
@@ -84,6 +85,7 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
     return off if math.isfinite(off) and abs(off) > doubt else 0.0
 
 
+SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
 SAME_NOISE = 0.1  # relative: less is no news
-LEARNABLE = FEWEST  # samples of a stream
+LEARNABLE = FEWEST_AT_REST  # samples of a stream
 OFFSET_SAMPLES = 400.0  # of a usual rest
