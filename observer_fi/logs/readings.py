@@ -80,8 +80,8 @@ def even(t: Array, interval: float, step: float) -> Array:
     """
     if t.size < FEWEST or step >= interval:
         return t
-    for _ in range(3):
-        count = np.round((t - t[0]) / interval)
-        interval, begin = np.polyfit(count, t, 1)
-    off = t - (begin + interval * count)
-    return begin + interval * count if np.abs(off).max() < step and (np.diff(count) >= 1.0).all() else t
+    for count in (np.arange(t.size), np.round((t - t[0]) / interval)):  # no row is missing, or some are
+        fitted = np.polyval(np.polyfit(count, t, 1), count)
+        if np.abs(t - fitted).max() < step and (np.diff(count) >= 1.0).all():
+            return fitted
+    return t

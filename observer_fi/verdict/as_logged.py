@@ -16,8 +16,10 @@ from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
 from observer_fi.verdict.testable import for_readings
 
-OFFSET_STD = 4.0  # standard deviations of a mean reading at rest from which it is an offset
-DOUBT_OF_RM = 0.05  # relative: what a current at rest leaves in doubt of an offset
+OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
+SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
+SAME_NOISE = 0.1  # relative: less is no news
+LEARNABLE = FEWEST_AT_REST  # samples of a stream
 
 
 class AsLogged:
@@ -81,11 +83,4 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
     Rm = rig.model["Rm"] if rig.driven.motor else math.nan
     off = a.voltage.offset - Rm * a.current.offset
     noise = math.hypot(a.voltage.as_white, Rm * a.current.as_white)
-    doubt = OFFSET_STD * noise / math.sqrt(OFFSET_SAMPLES) + DOUBT_OF_RM * abs(Rm * a.current.offset)
-    return off if math.isfinite(off) and abs(off) > doubt else 0.0
-
-
-SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
-SAME_NOISE = 0.1  # relative: less is no news
-LEARNABLE = FEWEST_AT_REST  # samples of a stream
-OFFSET_SAMPLES = 400.0  # of a usual rest
+    return off if math.isfinite(off) and abs(off) > OFFSET * noise else 0.0
