@@ -6,7 +6,7 @@ from observer_fi.bank import compiled_bank, first_state, log_feed, transition
 from observer_fi.bank.bank_state import HypothesisState, bank_state_of, state_of, state_places, write_state
 from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
-from observer_fi.bank.hypotheses import Hypothesis, arrays, bank, of_a_move
+from observer_fi.bank.hypotheses import REPEATING, Hypothesis, arrays, bank, of_a_move
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
 from observer_fi.bank.work_arrays import work_arrays
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from observer_fi.bank.filterpy_bank import FilterpyBank
 
 __all__ = [
+    "REPEATING",
     "Bank",
     "LogSamples",
     "FilterpyBank",

@@ -16,7 +16,7 @@ from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
 from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.unexplained import Smooth
 from observer_fi.learn import Experiment, FitResult, with_servo
-from observer_fi.logs import Excitation, with_command
+from observer_fi.logs import Excitation, with_command, with_logger
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve
 from observer_fi.records import Log, Segment
 
@@ -108,7 +108,8 @@ def improve(
     commanded = [with_command(log, rig) for log in logs]
     problem = simulated_moves(commanded, with_servo(commanded, rig), moves, settings)
     ladder = problem.reconsidered(name_causes(problem, progress))
-    return improvement_of(problem, ladder, progress, keep_unexplained)
+    found = improvement_of(problem, ladder, progress, keep_unexplained)
+    return replace(found, extended_rig=with_logger(found.extended_rig, commanded))
 
 
 def improvement_of(

@@ -6,11 +6,13 @@ the first sample on: the rest before the first move has the say, later ones coun
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.numerics import autocorrelation, runs
+from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, ChannelTraits, Clock, Line, Log
 
 Mask = NDArray[np.bool_]
@@ -51,6 +53,13 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
     )
     return Acquisition(voltage, current, position, clock_of(t))
+
+
+def with_logger(rig: Rig, logs: Sequence[Log]) -> Rig:
+    """The rig with what the first of some logs shows of the logger; as it is where no motor drives it."""
+    if not rig.driven.motor or not logs:
+        return rig
+    return replace(rig, logger=acquisition_of(logs[0], rig.file_noise_std))
 
 
 def rests_of(t: Array, w_cmd: Array) -> list[slice]:
@@ -345,6 +354,7 @@ def clock_of(t: Array) -> Clock:
     if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
         return Clock(0.0, None, interval)
     step = resolution_of(dt)
-    coarse = step if step and 0.05 * interval < step and (step < 0.9 * interval or _evenly(t, step)) else None
+    rounded = step is not None and 0.05 * interval < step < 4.0 * float(dt.std())
+    coarse = step if rounded and (step < 0.9 * interval or _evenly(t, step)) else None
     usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
     return Clock(float(np.std(usual)) / math.sqrt(2.0), coarse, float(usual.mean()) if coarse else interval)

@@ -34,6 +34,7 @@ from observer_fi.physics.faults import (
     mode_of,
     words_of,
 )
+from observer_fi.physics.logger_table import COLUMNS, acquisition_table
 from observer_fi.physics.paper_residuals import sensor_std, speed
 from observer_fi.physics.rigs import (
     Model,
@@ -59,6 +60,8 @@ from observer_fi.physics.scenario import (
 from observer_fi.physics.trapezoid import quarters
 
 __all__ = [
+    "COLUMNS",
+    "acquisition_table",
     "DRIVES",
     "Drive",
     "FAULT_KINDS",

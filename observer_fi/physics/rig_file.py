@@ -86,6 +86,32 @@ class _Curve(_Strict):
     std: Annotated[list[Error], Field(max_length=1000)] = []
 
 
+class _Channel(_Strict):
+    noise_std: Error = 0.0
+    as_white: Error | None = None
+    resolution: Positive | None = None
+    update_hz: Positive | None = None
+    lines_hz: Annotated[list[Positive], Field(max_length=20)] = []
+    line_amplitudes: Annotated[list[Error], Field(max_length=20)] = []
+    correlation_s: Positive | None = None
+    spikes: Annotated[int, Field(ge=0)] = 0
+    averaged_samples: Annotated[int, Field(ge=1, le=10**6)] = 1
+
+
+class _Clock(_Strict):
+    jitter_s: Error = 0.0
+    resolution_s: Positive | None = None
+
+
+class _Acquisition(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    voltage_v: _Channel = _Channel()
+    current_a: _Channel = _Channel()
+    position_m: _Channel = _Channel()
+    clock: _Clock = _Clock()
+
+
 class _RigFile(_Strict):
     name: Annotated[str, Field(min_length=1, max_length=200)] = "rig"
     description: Text = ""
@@ -94,6 +120,7 @@ class _RigFile(_Strict):
     noise: dict[str, Positive] = {}
     parameters: dict[str, _Quantity] = {}
     curve: _Curve | None = None
+    acquisition: _Acquisition | None = None
 
     @field_validator("parameters", mode="before")
     @classmethod

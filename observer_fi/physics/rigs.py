@@ -18,6 +18,7 @@ from observer_fi.physics import rig_file
 from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
+from observer_fi.physics.logger_table import acquisition_from, acquisition_table, without_nothing
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.toml_files import toml_table
 
@@ -237,7 +238,7 @@ def _rig_path(path: str | Path) -> Path:
     return packaged if not given.suffix and not given.exists() and packaged.exists() else given
 
 
-_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve")
+_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve", "acquisition")
 _QUANTITY = ("value", "unit", "method", "source", "spread", "std")
 _NOISE = ("voltage", "current", "position")
 
@@ -273,6 +274,7 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         quantities,
         noise,
         table.get("source", ""),
+        acquisition_from(table.get("acquisition", {})),
     )
 
 
@@ -332,5 +334,7 @@ def rig_toml(rig: Rig) -> str:
     table: dict[str, object] = {"name": rig.name, "description": rig.description, "drive": rig.drive}
     table |= {"source": rig.source} if rig.source else {}
     table |= {"noise": dict(rig.noise), "parameters": parameters}
+    logger = without_nothing(acquisition_table(rig.logger))
+    table |= {"acquisition": logger} if logger else {}
     curve = rig.curve
     return tomli_w.dumps(table | ({"curve": curves.to_table(curve)} if curve else {}))

@@ -8,8 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.physics import DRIVES, FAULTS, LABELS, NOMINAL, NOT_TESTED, UNKNOWN, Rig, colour_of, words_of
-from observer_fi.records import Acquisition, Isolation, Log, Outcome
+from observer_fi.physics import (
+    DRIVES,
+    FAULTS,
+    LABELS,
+    NOMINAL,
+    NOT_TESTED,
+    UNKNOWN,
+    Rig,
+    acquisition_table,
+    colour_of,
+    words_of,
+)
+from observer_fi.records import Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.result_folder import Made, write_result
 
@@ -40,7 +51,7 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
                 "rejected_count": log.rejected_count,
                 "rejected": [sample._asdict() for sample in log.rejected[:LISTED]],
             },
-            "acquisition": acquisition_dict(outcome.acquisition),
+            "acquisition": acquisition_table(outcome.acquisition),
             "warnings": outcome.warnings,
             "verdict": {
                 "label": verdict.label,
@@ -66,27 +77,6 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
             "versions": versions(),
         }
     )
-
-
-COLUMNS = {"voltage": "voltage_v", "current": "current_a", "position": "position_m"}
-
-
-def acquisition_dict(acquisition: Acquisition | None) -> dict[str, Any]:
-    """What a logger does, by column and of its clock, each in the unit of the column; empty where nothing was looked at."""
-    if acquisition is None:
-        return {}
-    channels = {column: getattr(acquisition, name) for name, column in COLUMNS.items()}
-    told = {
-        column: {
-            "noise_std": c.noise_std, "resolution": c.resolution, "update_hz": c.update_hz,
-            "lines_hz": [line.hz for line in c.lines], "line_amplitudes": [line.amplitude for line in c.lines],
-            "correlation_s": c.correlation_s, "spikes": c.spikes, "averaged_samples": c.averaged,
-        }
-        for column, c in channels.items()
-        if math.isfinite(c.noise_std)
-    }  # fmt: skip
-    clock = acquisition.clock
-    return {**told, "clock": {"jitter_s": clock.jitter_s, "resolution_s": clock.resolution_s}}
 
 
 def _open_loop(outcome: Outcome) -> dict[str, Any]:
@@ -172,7 +162,7 @@ def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
             listed=LISTED,
             colour_of=colour_of,
             versions=versions(),
-            acquisition=acquisition_dict(outcome.acquisition),
+            acquisition=acquisition_table(outcome.acquisition),
         )
     )
 

@@ -24,6 +24,7 @@ from observer_fi.logs import (
     log_name,
     read_log,
     with_command,
+    with_logger,
 )
 from observer_fi.physics import Rig, Scenario, Truth, load_rig, synthesise
 from observer_fi.records import CHANNELS, Event, Fit, Log, Outcome
@@ -97,7 +98,7 @@ class Identification:
     @cached_property
     def rig(self) -> Rig:
         """The rig with the values that were learned."""
-        return learn.identified_rig(self.fit, self.before)
+        return with_logger(learn.identified_rig(self.fit, self.before), self.logs)
 
     @property
     def verdict(self) -> str:

@@ -183,7 +183,7 @@ class Live:
             if not self.lesson.complete:
                 continue
             known = self.lesson.learned(self.rig, self.all_settings.bank)
-            if known is not None and not known.same_as(self.as_logged, self.rig):
+            if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
                 yield self._again(known, self.lesson.table)
             self.lesson = self.lesson.next_one()
         if len(table):

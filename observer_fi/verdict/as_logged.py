@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer_fi.bank import REPEATING
 from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log
@@ -29,7 +30,8 @@ class AsLogged:
     """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
-        self.acquisition = acquisition_of(log, rig.noise_std)
+        self.acquisition = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
+        rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         bank = for_readings(settings, rig, log.z)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
@@ -39,13 +41,10 @@ class AsLogged:
         averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
         self.late = lateness_of(self._even(self.readings.take(log)), known, self.settings, averaged)
         known = set_right(known, self.late, 1.0 / log.rate_hz)
-        as_filed = (known.noise_std == rig.noise_std).all() and not known.step.any() and not any(self.late)
-        as_filed &= bool((known.repeats <= 0.0).all())
-        self.rig = rig if as_filed else known
-        self.readings, self.set_back = (
-            Readings(self.acquisition, log.rate_hz, rig.noise_std),
-            SetBack(self.late),
-        )
+        as_filed = (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
+        self.rig = rig if as_filed and not known.step.any() and not any(self.late) else known
+        self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
+        self.set_back = SetBack(self.late)
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
@@ -59,13 +58,14 @@ class AsLogged:
         out[:, 1:4] = self.take(Log("stream", rows[:, 0], rows[:, 1:4], rows[:, 5], rows[:, 4])).z
         return out
 
-    def same_as(self, other: "AsLogged | None", rig: Rig) -> bool:
+    def same_as(self, other: "AsLogged | None", settings: BankSettings) -> bool:
         """Whether another, or the rig file alone where there is none, says the same to filters."""
         plain = self.readings.plain and not self.offset and not any(self.late)
         if other is None:
-            return plain and self.rig is rig
+            return plain and self.rig.logger is None and self.settings == settings
         same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
-        return same_noise and self.offset == other.offset and self.late == other.late
+        same = self.offset == other.offset and self.late == other.late and self.settings == other.settings
+        return bool(same_noise) and same
 
     def _even(self, log: Log) -> Log:
         """A chunk on an even clock and without the offset of its voltage."""
@@ -73,6 +73,17 @@ class AsLogged:
         if clock.resolution_s:
             log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
         return replace(log, z=log.z - np.array([self.offset, 0.0, 0.0])) if self.offset else log
+
+
+def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:
+    """What a log shows of its logger; of a channel without a rest what other logs have shown of it."""
+    if before is None:
+        return measured
+    pairs = zip(measured[:3], before[:3], strict=True)
+    voltage, current, position = (
+        old if math.isnan(new.neighbour_std) and math.isfinite(old.noise_std) else new for new, old in pairs
+    )
+    return Acquisition(voltage, current, position, measured.clock)
 
 
 def electrical_offset(a: Acquisition, rig: Rig) -> float:

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from observer_fi.physics import NOT_TESTED
+from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.as_logged import AsLogged
 
-COLUMNS = {"voltage": ("voltage_v", "V"), "current": ("current_a", "A"), "position": ("position_m", "m")}
+UNITS = ("V", "A", "m")
 MISFIT = 2.0  # times its expected NIS: the model is of another machine
 LOUD = 2.0  # times the noise of the rig file
 COARSE = 2.0  # steps of so many standard deviations hide what is smaller
@@ -28,7 +28,7 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
     """What to say of a log and its verdict, none of an ideal logger on a rig that is the rig file's."""
     found = [*_of_the_model(isolation)]
     usual = known.rig.file_noise_std.tolist()
-    for (name, (column, unit)), noise, late in zip(COLUMNS.items(), usual, known.late, strict=True):
+    for (name, column), unit, noise, late in zip(COLUMNS.items(), UNITS, usual, known.late, strict=True):
         part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late))
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *_of_time(part, rate_hz)]
     if known.offset:
