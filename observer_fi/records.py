@@ -92,7 +92,8 @@ class ChannelTraits(NamedTuple):
     slow; resolution: the step of the readings, update_hz: how often a held one is fresh, correlation_s: of coloured noise,
     None where there is none; spikes: how many there are; averaged: samples of which a reading is the mean; offset: mean
     reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
-    repeats: share of readings at rest that repeat the one before, though no hold is known.
+    repeats: share of readings at rest that repeat the one before, though no hold is known; grown: by what the noise of
+    the last rest is more than that of the first.
     """
 
     noise_std: float
@@ -106,6 +107,7 @@ class ChannelTraits(NamedTuple):
     offset: float = 0.0
     neighbour_std: float = math.nan
     repeats: float = 0.0
+    grown: float = 1.0
 
 
 class Clock(NamedTuple):

@@ -23,6 +23,8 @@ SPIKE = 6.0  # standard deviations, at rest
 FAR, ALONE = 8.0, 4.0
 UNMOVED = 160  # samples on either side of a spike in which the command stands still
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
+SWITCHED = (1.5, 8.0)  # by what noise grows in another range
+SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
 MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
@@ -83,8 +85,12 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     held = update_samples(np.round((t - t[0]) / interval).astype(np.int64), z, w_cmd)
     every = held or 1.0
     pieces = [_piece(t[r], z[r], held) for r in rests]
-    pieces = _alike([p for p in pieces if p[0].size >= max(FEWEST / every, FEWEST_TICKS)])
-    traits = _at_rest(pieces, step, usual, every * interval) if pieces else _in_motion(z[there], step, usual)
+    pieces = [p for p in pieces if p[0].size >= max(FEWEST / every, FEWEST_TICKS)]
+    if pieces:
+        traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces)
+        traits = traits._replace(as_white=grown * traits.as_white, grown=grown)
+    else:
+        traits = _in_motion(z[there], step, usual)
     noise = math.hypot(traits.noise_std, step or 0.0)
     traits = traits._replace(
         update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise)
@@ -166,6 +172,22 @@ def _alike(pieces: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
         return []
     first = float(pieces[0][1].std())
     return [p for p in pieces if first / ALIKE <= float(p[1].std()) <= first * ALIKE]
+
+
+def _grown(pieces: list[tuple[Array, Array]]) -> float:
+    """By what the noise of the last rest is more than that of the first, where it is of the same kind: another range.
+
+    A drift, a stuck sensor or a burst of noise many times the usual is no range that was switched.
+    """
+    (_, first), (_, last) = pieces[0], pieces[-1]
+    if min(first.size, last.size) < FEWEST or not first.std():
+        return 1.0
+    neighbours, all_of_it = (
+        _between_neighbours([last]) / _between_neighbours([first]),
+        float(last.std() / first.std()),
+    )
+    same_kind = abs(neighbours / all_of_it - 1.0) < SAME_KIND
+    return neighbours if same_kind and SWITCHED[0] < neighbours < SWITCHED[1] else 1.0
 
 
 def _white(z: Array) -> float:
@@ -354,7 +376,10 @@ def clock_of(t: Array) -> Clock:
     if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
         return Clock(0.0, None, interval)
     step = resolution_of(dt)
-    rounded = step is not None and 0.05 * interval < step < 4.0 * float(dt.std())
-    coarse = step if rounded and (step < 0.9 * interval or _evenly(t, step)) else None
+    spread = 0.05 * interval, 4.0 * float(dt.std())
+    rounded = (
+        step is not None and spread[0] < step < spread[1] and (step < 0.9 * interval or _evenly(t, step))
+    )
+    coarse = step if rounded else None
     usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
     return Clock(float(np.std(usual)) / math.sqrt(2.0), coarse, float(usual.mean()) if coarse else interval)

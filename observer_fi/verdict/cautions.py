@@ -70,6 +70,11 @@ def _of_readings(part: Part, rate_hz: float) -> Iterator[str]:
 
 def _of_noise(part: Part) -> Iterator[str]:
     traits = part.traits
+    if traits.grown > 1.0:
+        yield (
+            f"the noise of {part.column} grows {traits.grown:.2g} times from the first rest to the last: taken for another "
+            "range, and the larger one for the noise of the whole log; keep one range"
+        )
     if not traits.as_white > LOUD * part.usual:
         return
     if traits.lines:
