@@ -16,7 +16,7 @@ from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, 
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.whole_move import Path, WholeMove
+from observer_fi.verdict.whole_move import Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
@@ -87,18 +87,11 @@ class LastWord:
 
     def _move(self, event: Event, bank: Bank) -> WholeMove | None:
         """The move from a rest before it to its last sample under way."""
-        recent = bank.recent
-        starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
-        if recent is None or not starts or recent.t[0] > starts[-1][0] + 1e-9:
-            return None
-        since, memory = starts[-1]
-        under_way = np.flatnonzero(recent.active & (recent.t <= event.end_s))
-        first = int(np.searchsorted(recent.t, since - 1e-9))
-        if not under_way.size or under_way[-1] + 1 - first < 2:
+        found = window_of(event, bank)
+        if found is None:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
-        window = recent.cut(first, int(under_way[-1]) + 1)
-        return WholeMove(self.hypotheses, window, memory, self.filters)
+        return WholeMove(self.hypotheses, *found, self.filters)
 
     def _told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
         """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
+from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
-from observer_fi.records import Array
+from observer_fi.records import Array, Event
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
@@ -53,6 +53,23 @@ class Begin(NamedTuple):
     first: int
     last: int
     near: HypothesisState | None
+
+
+def window_of(event: Event, bank: Bank) -> tuple[LogSamples, HypothesisState] | None:
+    """The samples of a move from a rest before it to its last one under way, and nominal's memory before them.
+
+    None where they are no longer at hand.
+    """
+    recent = bank.recent
+    starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
+    if recent is None or not starts or recent.t[0] > starts[-1][0] + 1e-9:
+        return None
+    since, memory = starts[-1]
+    under_way = np.flatnonzero(recent.active & (recent.t <= event.end_s))
+    first = int(np.searchsorted(recent.t, since - 1e-9))
+    if not under_way.size or under_way[-1] + 1 - first < 2:
+        return None
+    return recent.cut(first, int(under_way[-1]) + 1), memory
 
 
 class WholeMove:
