@@ -16,7 +16,7 @@ from observer_fi.numerics import MOST
 from observer_fi.physics import FAULTS, PARAMETERS, FaultRow, Least, OwnState, Rig
 from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import TIMES_S
+from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
 from observer_fi.verdict.last_word import CLEAN_S, FITS, PASSES_S
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 from observer_fi.verdict.whole_move import CHANGE_NATS, LEFT, window_of
@@ -27,14 +27,16 @@ SURE = 1.645  # standard deviations of the evidence: 19 such faults of 20 give a
 
 
 class Half(NamedTuple):
-    """A healthy move from its middle on: samples, what nominal remembers before them, its log-densities (n,).
+    """A healthy move from its middle on: samples, what nominal remembers before them, its log-densities (n,) and innovations
+    over their deviations (n, 3).
 
     direction: sign of the speed; interval: between samples [s].
     """
 
     window: LogSamples
     memory: HypothesisState
-    nominal: Array
+    density: Array
+    normalised: Array
     direction: float
     interval: float
 
@@ -51,13 +53,13 @@ def could_show(
     for label, row in FAULTS.items():
         if row.least is None:
             continue
-        fault = _held(next(h for h in hypotheses if h.label == label), row)
-        lost = _losses(row, row.least, Entry(hypotheses[0], fault, filters, within_s=half.interval), fault, half, rig, filters)
-        value = (_shortest if row.least.lasts else _smallest)(row, row.least, lost, half, settings)
-        if value is None:
+        free = next(h for h in hypotheses if h.label == label)
+        trial = _Trial(row, row.least, (hypotheses[0], free), half, filters)
+        told = trial.shortest(settings.move_nats) if row.least.lasts else trial.smallest(settings.move_nats)
+        if told is None:
             blind.append(label)
         else:
-            least.append(_told(row, row.least, value, rig))
+            least.append(_told(row, row.least, told, rig))
     return CouldShow(float(half.window.t[0]), tuple(least), tuple(blind))
 
 
@@ -76,10 +78,10 @@ def _second_half(event: Event, bank: Bank, nominal: Hypothesis, filters: Filters
     before = alone.memory()
     density = alone.density(window, middle, middle + n)[:, 0].copy()
     rest = window.cut(middle, middle + n)
-    misfit = float(np.nan_to_num(alone.misfit(n)[:, 0]).mean())
-    if misfit > FITS * float(np.isfinite(rest.z).mean(axis=0).sum()):
+    if float(np.nan_to_num(alone.misfit(n)).mean()) > FITS * float(np.isfinite(rest.z).mean(axis=0).sum()):
         return None
-    return Half(rest, before, density, float(np.sign(window.w_cmd[middle])), float(np.median(np.diff(rest.t))))
+    direction, interval = float(np.sign(window.w_cmd[middle])), float(np.median(np.diff(rest.t)))
+    return Half(rest, before, density, alone.normalised(n).copy(), direction, interval)
 
 
 def _one_way(window: LogSamples, start_s: float) -> tuple[int, int]:
@@ -95,66 +97,92 @@ def _one_way(window: LogSamples, start_s: float) -> tuple[int, int]:
     return middle, min(end, int(np.searchsorted(window.t, window.t[middle] + SEEN_S))) - middle
 
 
-def _held(fault: Hypothesis, row: FaultRow) -> Hypothesis:
-    """The hypothesis with its own constants known and not changing."""
-    own = [o._replace(std=0.0, growth=0.0) if _is_constant(o) else o for o in row.sizes]
-    return replace(fault, own=tuple(own))
+class _Trial:
+    """One fault tried on a healthy move. pair: nominal, and the fault with constants that nobody knows."""
+
+    def __init__(
+        self, row: FaultRow, least: Least, pair: tuple[Hypothesis, Hypothesis], half: Half, filters: Filters
+    ) -> None:
+        self.row, self.least, self.half, self.filters = row, least, half, filters
+        self.nominal, self.free = pair
+        known = [o._replace(std=0.0, growth=0.0) if o.tells else o for o in row.sizes]
+        self.fault = replace(self.free, own=tuple(known))
+        self.own = next(o for o in row.sizes if o.name == least.constant)
+        self.entered = self._entered(self.fault)
+        self.n = half.window.t.size
+
+    def smallest(self, nats: float) -> float | None:
+        """The least value of the fault's constant that is told if it lasts to the end; None where the largest tried is not.
+
+        Evidence grows with the square of the size, hence is a straight line in logarithms; means of innovations grow with the size.
+        """
+        sizes, least = np.log(self.least.tried), self.own.low
+        evidence = np.maximum.accumulate(np.maximum(self._lost()[-1], 1e-9))
+        share = np.log(evidence / _expected(nats + CHANGE_NATS + self._price()))
+        if share[-1] < 0.0:
+            return None
+        enough = sizes[0] - 0.5 * share[0] if share[0] > 0.0 else np.interp(0.0, share, sizes)
+        value = float(np.exp(enough))
+        value *= max((LIMIT + SURE) / float(self._means(value).max()), 1.0)
+        return max(value, least) if value <= self.least.tried[-1] else None
+
+    def shortest(self, nats: float) -> float | None:
+        """How long the fault must last to be told [s], whatever its constant is; None where the move is too short."""
+        lost = self._lost()
+        told = lost.min(axis=1) >= _expected(nats + 2.0 * CHANGE_NATS)
+        hidden = self.least.tried[int(lost[int(told.argmax())].argmin())]
+        told &= np.maximum.accumulate(self._means(hidden)) >= LIMIT + SURE
+        if not told.any():
+            return None
+        return max((int(told.argmax()) + 1) * self.half.interval, PASSES_S)
+
+    def _entered(self, fault: Hypothesis) -> HypothesisState:
+        return Entry(self.nominal, fault, self.filters, within_s=self.half.interval)(self.half.memory)
+
+    def _at(self, value: float) -> HypothesisState:
+        """The fault's memory when it begins with a value of its constant."""
+        x, sizes = self.entered.x.copy(), {**self.least.held, self.least.constant: value}
+        for own in self.row.sizes:
+            if own.tells:
+                x[self.fault.states.index(own.name)] = sizes[own.name] * self._unit(own)
+        return self.entered._replace(x=x)
+
+    def _unit(self, own: OwnState) -> float:
+        """What turns the value of a fault's constant into the state of a filter."""
+        friction = self.half.direction * self.filters.rig.model["A"]
+        return 1.0 / own.mean if own.absolute else friction if own.of_friction else 1.0
+
+    def _lost(self) -> Array:
+        """Nats that the fault has lost to nominal up to each sample, (n, k) for the k values that it is tried with.
+
+        Where these leave room, the mean over both signs: what the noise of these samples adds to one it takes from the other.
+        """
+        signs = (1.0,) if 2 * len(self.least.tried) > MOST else (1.0, -1.0)
+        side_by_side = self.filters.of(self.fault, MOST, ROOM)
+        side_by_side.begin(self.entered)
+        for k, value in enumerate(sign * tried for sign in signs for tried in self.least.tried):
+            side_by_side.put(k, self._at(value))
+        density = side_by_side.density(self.half.window, 0, self.n)[:, : len(signs) * len(self.least.tried)]
+        lost = np.cumsum(self.half.density[:, None] - density, axis=0)
+        return lost.reshape(self.n, len(signs), -1).mean(axis=1)
+
+    def _price(self) -> float:
+        """Nats that the fault loses because nobody knows its constants beforehand."""
+        alone = self.filters.of(self.free, 1, ROOM)
+        alone.begin(self._entered(self.free))
+        return max(float((self.half.density - alone.density(self.half.window, 0, self.n)[:, 0]).sum()), 0.0)
+
+    def _means(self, value: float) -> Array:
+        """Means of innovations that the fault would have brought to nominal, over their deviations, at each sample (n,)."""
+        alone = self.filters.of(self.fault, 1, max(self.n, ROOM))
+        alone.begin(self._at(value))
+        alone.density(self.half.window, 0, self.n)
+        return largest_means(self.half.normalised - alone.normalised(self.n), self.half.interval)
 
 
-def _is_constant(own: OwnState) -> bool:
-    """Whether a state that a fault adds says how severe it is."""
-    return bool(own.tells)
-
-
-def _losses(row: FaultRow, least: Least, entry: Entry, fault: Hypothesis, half: Half, rig: Rig, filters: Filters) -> Array:
-    """Nats that the fault has lost to nominal up to each sample, (n, k) for the k values that it is tried with.
-
-    Where these leave room, the mean over both signs: what the noise of these samples adds to one it takes from the other.
-    """
-    signs = (1.0,) if 2 * len(least.tried) > MOST else (1.0, -1.0)
-    side_by_side, entered = filters.of(fault, MOST, ROOM), entry(half.memory)
-    side_by_side.begin(entered)
-    for k, value in enumerate(sign * tried for sign in signs for tried in least.tried):
-        x, sizes = entered.x.copy(), {**least.held, least.constant: value}
-        for own in filter(_is_constant, row.sizes):
-            x[fault.states.index(own.name)] = sizes[own.name] * _unit(own, half.direction, rig)
-        side_by_side.put(k, entered._replace(x=x))
-    density = side_by_side.density(half.window, 0, half.window.t.size)
-    lost = np.cumsum(half.nominal[:, None] - density, axis=0)
-    return lost[:, : len(signs) * len(least.tried)].reshape(len(lost), len(signs), -1).mean(axis=1)
-
-
-def _needed(nats: Array) -> Array:
+def _expected(nats: float) -> float:
     """Expected evidence of a fault of which one in twenty gives less than `nats`: it scatters by the root of twice its mean."""
-    return 0.25 * (math.sqrt(2.0) * SURE + np.sqrt(2.0 * SURE**2 + 4.0 * nats)) ** 2
-
-
-def _smallest(row: FaultRow, least: Least, lost: Array, half: Half, settings: DecisionSettings) -> float | None:
-    """The least value of a fault's constant that is told if it lasts to the end; None where the largest tried is not.
-
-    None below what is believable of it is told. A size that is not known beforehand costs what its posterior is narrower than its prior (Dickey 1971). Evidence grows with the
-    square of the size, hence is a straight line in logarithms.
-    """
-    own, sizes = next(o for o in row.sizes if o.name == least.constant), np.array(least.tried)
-    evidence = np.maximum.accumulate(np.maximum(lost[-1], 1e-9))
-    prior = own.std or 1.0
-    unknown = np.log(np.maximum(prior * np.sqrt(2.0 * evidence) / sizes, 1.0)) + 0.5 * ((sizes - own.mean) / prior) ** 2
-    share = evidence / _needed(settings.move_nats + CHANGE_NATS + unknown)
-    if share[-1] < 1.0:
-        return None
-    if share[0] >= 1.0:
-        return max(float(sizes[0] / math.sqrt(share[0])), own.low)
-    return max(float(np.exp(np.interp(0.0, np.log(share), np.log(sizes)))), own.low)
-
-
-def _shortest(row: FaultRow, least: Least, lost: Array, half: Half, settings: DecisionSettings) -> float | None:
-    """How long a fault must last to be told [s], whichever of the values its constant has; None where the move is too short."""
-    needed = _needed(np.array(settings.move_nats + 2.0 * CHANGE_NATS))
-    below = np.flatnonzero(lost.min(axis=1) < needed)
-    enough = int(below[-1]) + 1 if below.size else 0
-    if enough >= len(lost):
-        return None
-    return max(float(half.window.t[enough] - half.window.t[0]) + half.interval, PASSES_S)
+    return 0.25 * (math.sqrt(2.0) * SURE + math.sqrt(2.0 * SURE**2 + 4.0 * nats)) ** 2
 
 
 def _told(row: FaultRow, least: Least, value: float, rig: Rig) -> Detectable:
@@ -163,8 +191,3 @@ def _told(row: FaultRow, least: Least, value: float, rig: Rig) -> Detectable:
     unit = "s" if least.lasts else "1" if own.absolute or own.of_friction else PARAMETERS[own.name][0]
     value = least.told(rig.model, value)
     return Detectable(row.label, least.name, value, unit, least.words.format(least.scale * value))
-
-
-def _unit(own: OwnState, direction: float, rig: Rig) -> float:
-    """What turns the value of a fault's constant into the state of a filter."""
-    return 1.0 / own.mean if own.absolute else direction * rig.model["A"] if own.of_friction else 1.0

@@ -67,6 +67,21 @@ class LastWord:
         doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
         if whole is None or doubted is None:
             return event
+        paths, stories = self._near(doubted, event, whole)
+        if not stories and any(self._counts(path, whole, event) for path in paths):
+            first = int(np.searchsorted(whole.window.t, event.start_s))
+            paths = whole.paths(first, whole.n)  # the doubt was another one, the ring of the start
+            stories = self._told_by(paths, whole, event)
+        if stories:
+            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
+        nothing = not any(self._counts(path, whole, event) for path in paths)
+        named = event.label not in (NOMINAL, UNKNOWN)
+        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
+            return _healthy(event)
+        return event
+
+    def _near(self, doubted: float, event: Event, whole: WholeMove) -> tuple[list[Path], list[Story]]:
+        """Paths whose fault begins before a doubt, or shortly after it, and what they may be called."""
         for before in BEFORE_S:
             since = max(event.start_s, doubted - before)
             begins = np.searchsorted(whole.window.t, (since, doubted + AFTER_S))
@@ -75,15 +90,11 @@ class LastWord:
             best = max((path.begin for path in paths[:1]), default=0)
             if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
                 break
-        if stories:
-            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
-        nothing = all(
-            path.gain < self.settings.move_nats or _passes(path, whole, event.start_s) for path in paths
-        )
-        named = event.label not in (NOMINAL, UNKNOWN)
-        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
-            return _healthy(event)
-        return event
+        return paths, stories
+
+    def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
+        """Whether the path is better than nominal by more than chance, and more than the ring of a start."""
+        return path.gain >= self.settings.move_nats and not _passes(path, whole, event.start_s)
 
     def _move(self, event: Event, bank: Bank) -> WholeMove | None:
         """The move from a rest before it to its last sample under way."""
@@ -109,7 +120,7 @@ class LastWord:
 
         Another name than the bank's needs motion before the fault that nominal explains.
         """
-        if _passes(path, whole, event.start_s) or path.gain < self.settings.move_nats:
+        if not self._counts(path, whole, event):
             return False
         if path.nis > FITS * whole.expected(path.hypothesis):
             return False
