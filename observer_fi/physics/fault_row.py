@@ -80,7 +80,8 @@ class FaultRow:
 
     label: in report.json. plant: what it changes of the parameters. shares: constants of the healthy plant that it still
     shows. states: those it adds in a bank, none of it where `live` is False. sizes: the same where a whole move is at hand,
-    wide enough for a fault of any severity. least: how a healthy move tells what of it would have shown, or None. heals: it can be over within a move. rare: seldom, next to the others, and where
+    wide enough for a fault of any severity. least: how a healthy move tells
+    what of it would have shown, or None. heals: it can be over within a move. rare: seldom, next to the others, and where
     most moves of a log show it the model is to blame. open_loop: the paper's mixture knows it. by_channel: one hypothesis a
     channel, which that hypothesis does not believe. made_by: kinds of synthetic fault of which it is the right verdict.
     rank: order of faults in a fleet, the least is the most severe.

@@ -7,7 +7,17 @@ called "sensor:voltage" and so on.
 
 from types import MappingProxyType
 
-from observer_fi.physics.fault_row import NOMINAL, NOT_TESTED, SENSOR, UNKNOWN, FaultRow, Injection, Least, OwnState, table
+from observer_fi.physics.fault_row import (
+    NOMINAL,
+    NOT_TESTED,
+    SENSOR,
+    UNKNOWN,
+    FaultRow,
+    Injection,
+    Least,
+    OwnState,
+    table,
+)
 from observer_fi.physics.rigs import Model, override
 
 
@@ -70,8 +80,12 @@ FAULTS = table(
             OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
         ),
         least=Least(
-            "C", (0.01, 0.3, 10.0, 300.0), "stiffness", "an obstacle of {:.2g} N m/m^2 or stiffer",
-            held={"E": 0.0}, told=_stiffness,
+            "C",
+            (0.01, 0.3, 10.0, 300.0),
+            "stiffness",
+            "an obstacle of {} N m/m^2 or stiffer",
+            held={"E": 0.0},
+            told=_stiffness,
         ),
         live=True,
         heals=True,  # the mass can leave an obstacle
@@ -123,8 +137,13 @@ FAULTS = table(
             ),
         ),
         least=Least(
-            "A_decoupled", (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.35), "duration",
-            "a coupling lost for {:.0f} ms or longer", held={"J_decoupled": 0.9}, lasts=True, scale=1e3,
+            "A_decoupled",
+            (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.35),
+            "duration",
+            "a coupling lost for {} ms or longer",
+            held={"J_decoupled": 0.9},
+            lasts=True,
+            scale=1e3,
         ),
         live=True,
         heals=False,
@@ -147,7 +166,7 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(OwnState("E", 0.5, 0.4, 0.03, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
-        least=Least("E", (0.001, 0.01, 0.1, 0.9), "share_lost", "a slip of {:.2g} % or more", scale=100.0),
+        least=Least("E", (0.001, 0.01, 0.1, 0.9), "share_lost", "a slip of {} % or more", scale=100.0),
         live=False,
         heals=False,
         rare=False,
@@ -169,10 +188,19 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(
-            OwnState("torque", 0.0, 1.0, 0.05, "friction_rise", "friction is up by {:.0%}", of_friction=True),
+            OwnState(
+                "torque",
+                0.0,
+                1.0,
+                0.05,
+                "friction_rise",
+                "friction is up by {:.0%}",
+                of_friction=True,
+                low=0.0,
+            ),
         ),
         least=Least(
-            "torque", (0.003, 0.03, 0.3, 3.0), "friction_rise", "friction risen by {:.2g} % or more", scale=100.0
+            "torque", (0.003, 0.03, 0.3, 3.0), "friction_rise", "friction risen by {} % or more", scale=100.0
         ),
         live=False,
         heals=False,

@@ -6,6 +6,7 @@ which constants that either may still move have moved already (Kullback and Leib
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -42,11 +43,15 @@ class Half(NamedTuple):
 
 
 def could_show(
-    event: Event, bank: Bank, rig: Rig, filters: Filters, settings: DecisionSettings
+    asked: Iterable[Event], bank: Bank, filters: Filters, settings: DecisionSettings
 ) -> CouldShow | None:
-    """What the move of an all-clear could have shown; None where it is not at hand, too short, or not what the rig file says."""
-    hypotheses = of_a_move(rig, filters.settings)
-    half = _second_half(event, bank, hypotheses[0], filters)
+    """What the first of these healthy moves could have shown whose samples are at hand.
+
+    None where there is none, it is too short, or the rig file does not describe it.
+    """
+    hypotheses = of_a_move(filters.rig, filters.settings)
+    halves = (_second_half(event, bank, hypotheses[0], filters) for event in asked)
+    half = next((half for half in halves if half is not None), None)
     if half is None:
         return None
     least, blind = [], []
@@ -59,7 +64,7 @@ def could_show(
         if told is None:
             blind.append(label)
         else:
-            least.append(_told(row, row.least, told, rig))
+            least.append(_told(row, row.least, told, filters.rig))
     return CouldShow(float(half.window.t[0]), tuple(least), tuple(blind))
 
 
@@ -114,7 +119,7 @@ class _Trial:
     def smallest(self, nats: float) -> float | None:
         """The least value of the fault's constant that is told if it lasts to the end; None where the largest tried is not.
 
-        Evidence grows with the square of the size, hence is a straight line in logarithms; means of innovations grow with the size.
+        Evidence grows with the square of the size, a straight line in logarithms, and means of innovations with the size.
         """
         sizes, least = np.log(self.least.tried), self.own.low
         evidence = np.maximum.accumulate(np.maximum(self._lost()[-1], 1e-9))
@@ -190,4 +195,6 @@ def _told(row: FaultRow, least: Least, value: float, rig: Rig) -> Detectable:
     own = next(o for o in row.sizes if o.name == least.constant)
     unit = "s" if least.lasts else "1" if own.absolute or own.of_friction else PARAMETERS[own.name][0]
     value = least.told(rig.model, value)
-    return Detectable(row.label, least.name, value, unit, least.words.format(least.scale * value))
+    return Detectable(
+        row.label, least.name, value, unit, least.words.format(f"{float(f'{least.scale * value:.2g}'):g}")
+    )

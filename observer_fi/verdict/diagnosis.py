@@ -23,7 +23,7 @@ from observer_fi.logs import (
     with_command,
 )
 from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
-from observer_fi.records import Array, CouldShow, Estimate, Event, Isolation, Log, Outcome
+from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
@@ -262,14 +262,6 @@ class Diagnosis:
             )
         return event
 
-    def _could_show(self, verdict: Event) -> CouldShow | None:
-        """What the move of an all-clear could have shown, or where it is no longer at hand the last one."""
-        if verdict.label != NOMINAL:
-            return None
-        asked = (verdict, *self.isolator.result().events[-1:])
-        found = (could_show(e, self.memory, self.rig, self.filters, self.settings.decision) for e in asked)
-        return next((answer for answer in found if answer is not None), None)
-
     def outcome(self, name: str, facts: dict[str, Any]) -> Outcome:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
@@ -277,9 +269,9 @@ class Diagnosis:
         events = tuple(self._finished(e) for e in found.events)
         verdict = log_verdict(list(events))
         lack = self.testable.lack(self.rate, self.rig, verdict.label)
-        isolation = (
-            untested(lack) if lack else Isolation(verdict, events, found.consistency, self._could_show(verdict))
-        )
+        asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
+        could = could_show(asked, self.memory, self.filters, self.settings.decision)
+        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency, could)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)

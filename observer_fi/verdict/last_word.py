@@ -113,7 +113,7 @@ class LastWord:
             return []
         if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
             return []
-        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p)]
+        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
@@ -126,7 +126,7 @@ class LastWord:
             return False
         return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
 
-    def _stories(self, path: Path) -> Iterator[Story]:
+    def _stories(self, path: Path, whole: WholeMove) -> Iterator[Story]:
         """What a path may be called: the fault that it was made for, or one that is a special case of it.
 
         A soft stop without stiffness is a slip; a mass that has lost all its travel without any change of the load is a position
@@ -134,12 +134,12 @@ class LastWord:
         posterior density of its constant over the prior one (Dickey 1971).
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
-        if all(self._believable(path, own) for own in held.values()):
+        if all(self._believable(path, own, whole) for own in held.values()):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
             return
         lost, std = _constant(path, held["E"])
-        if "C" in held and self._believable(path, held["E"]):
+        if "C" in held and self._believable(path, held["E"], whole):
             yield Story("slip", path.gain + _special(path, held["C"], 0.0), path)
         if abs(lost - 1.0) < BELIEVABLE * std:
             yield Story("sensor:position", path.gain + _special(path, held["E"], 1.0), path)
@@ -165,8 +165,9 @@ class LastWord:
         return float(np.logaddexp(nats, 0.0)) - math.log(2.0)
 
     @staticmethod
-    def _believable(path: Path, own: OwnState) -> bool:
+    def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = _constant(path, own)
+        value *= whole.direction(path.begin) if own.of_friction else 1.0
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
 
     def _clean(self, path: Path, whole: WholeMove, start_s: float) -> bool:
@@ -208,7 +209,7 @@ class LastWord:
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
-            scale = float(np.sign(whole.window.w_cmd[path.begin])) / friction
+            scale = whole.direction(path.begin) / friction
             std = math.hypot(std, value * doubt)
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]

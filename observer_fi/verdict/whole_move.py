@@ -113,6 +113,10 @@ class WholeMove:
                     found.append(self._ended(b)._replace(first=b.first, last=b.last))
         return sorted(found, key=lambda path: -path.gain)
 
+    def direction(self, k: int) -> float:
+        """Sign of the commanded speed at sample k."""
+        return float(np.sign(self.window.w_cmd[k]))
+
     def expected(self, h: Hypothesis) -> float:
         """Readings of a sample that a hypothesis believes, on average: what its NIS is expected to be."""
         there = np.isfinite(self.window.z).mean(axis=0)
