@@ -68,15 +68,16 @@ class LastWord:
         if whole is None or doubted is None:
             return event
         paths, stories = self._near(doubted, event, whole)
-        if not stories and any(self._counts(path, whole, event) for path in paths):
+        named = any(story.mode != UNKNOWN for story in stories)
+        if not named and any(self._counts(path, whole, event) for path in paths):
             first = int(np.searchsorted(whole.window.t, event.start_s))
-            paths = whole.paths(first, whole.n)  # the doubt was another one, the ring of the start
+            paths += whole.paths(first, whole.n)  # the doubt was another one, the ring of the start
+            paths.sort(key=lambda path: -path.gain)
             stories = self._told_by(paths, whole, event)
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
         nothing = not any(self._counts(path, whole, event) for path in paths)
-        named = event.label not in (NOMINAL, UNKNOWN)
-        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
+        if event.label not in (NOMINAL, UNKNOWN) and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
             return _healthy(event)
         return event
 
