@@ -16,13 +16,12 @@ from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, 
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.whole_move import Path, WholeMove, window_of
+from observer_fi.verdict.whole_move import SETTLED_S, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
-SETTLED_S = 0.15  # a fault that begins and ends within the ring of a start is the ring
 RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
 # does not describe the machine, both are above, and a name would be made up.
@@ -77,7 +76,11 @@ class LastWord:
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
         nothing = not any(self._counts(path, whole, event) for path in paths)
-        if event.label not in (NOMINAL, UNKNOWN) and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
+        if (
+            event.label not in (NOMINAL, UNKNOWN)
+            and nothing
+            and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
+        ):
             return _healthy(event)
         return event
 
@@ -94,8 +97,14 @@ class LastWord:
         return paths, stories
 
     def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
-        """Whether the path is better than nominal by more than chance, and more than the ring of a start."""
-        return path.gain >= self.settings.move_nats and not _passes(path, whole, event.start_s)
+        """Whether the path is better than nominal by more than chance, and more than the ring of a start.
+
+        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain.
+        """
+        if _passes(path, whole, event.start_s):
+            return False
+        rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
+        return min(path.gain, path.later if rings else math.inf) >= self.settings.move_nats
 
     def _move(self, event: Event, bank: Bank) -> WholeMove | None:
         """The move from a rest before it to its last sample under way."""

@@ -21,6 +21,7 @@ CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
 TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
 # After a begin, by which a fault that comes for a while shows; beside them the whole move.
 LOOKS_S = (0.03, 0.125, 1.0)
+SETTLED_S = 0.15  # by then the ring of a start is over
 LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
@@ -32,7 +33,7 @@ class Path(NamedTuple):
 
     first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
-    innovation squared of the fault's filter while it lasted.
+    innovation squared of the fault's filter while it lasted. later: the nats of it that came `SETTLED_S` or more after the begin.
     """
 
     hypothesis: Hypothesis
@@ -41,6 +42,7 @@ class Path(NamedTuple):
     gain: float
     memory: HypothesisState
     nis: float
+    later: float
     first: int = 0
     last: int = 0
 
@@ -257,7 +259,9 @@ class WholeMove:
         memories, density, nis = self._follow(h, enter(before), begin)
         gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
         gained -= enter.far
-        stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1], float(nis.mean()))
+        settled = float(gained[min(round(SETTLED_S / self.interval), gained.size - 1)])
+        gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
+        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later)
         back = Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
         tried: dict[int, float] = {}
         at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
@@ -289,7 +293,9 @@ class WholeMove:
         gains(range(best - STRIDE, best + STRIDE + 1))
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
-        return max(stays, Path(h, begin, best, tried[best], at[best], lasted), key=lambda path: path.gain)
+        later = float(gained[best - begin]) - settled
+        ends = Path(h, begin, best, tried[best], at[best], lasted, later)
+        return max(stays, ends, key=lambda path: path.gain)
 
     def _each(
         self, h: Hypothesis, at: dict[int, HypothesisState], first: int, last: int
