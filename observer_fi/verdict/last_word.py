@@ -16,7 +16,7 @@ from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, 
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.whole_move import SETTLED_S, Path, WholeMove, window_of
+from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
@@ -27,6 +27,7 @@ RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than
 # does not describe the machine, both are above, and a name would be made up.
 FITS = 1.3
 CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
+FAR = 100.0  # times the nats of another fault, that one must have for which no motion speaks before it
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
 
@@ -181,11 +182,15 @@ class LastWord:
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
 
     def _clean(self, path: Path, whole: WholeMove, start_s: float) -> bool:
-        """Whether nominal explains the motion before the fault, and there was some."""
+        """Whether nominal explains the motion before the fault, and there was some; or there was none, and only the fault fits.
+
+        A fault that is there from the start must win by far: a rig file that is off also shows from the start.
+        """
         first = int(np.searchsorted(whole.window.t, start_s))
-        before = whole.nis[first : path.begin]
-        enough = before.size > 0 and whole.window.t[path.begin] - start_s >= CLEAN_S
-        return enough and float(before.mean()) <= FITS * whole.expected(whole.nominal)
+        if whole.window.t[path.begin] - start_s < CLEAN_S:
+            fits = path.nis <= WELL * whole.expected(path.hypothesis)
+            return fits and path.end is None and path.later >= FAR * self.settings.move_nats
+        return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""
