@@ -70,10 +70,7 @@ class LastWord:
         paths, stories = self._near(doubted, event, whole)
         named = any(story.mode != UNKNOWN for story in stories)
         if not named and any(self._counts(path, whole, event) for path in paths):
-            first = int(np.searchsorted(whole.window.t, event.start_s))
-            paths += whole.paths(first, whole.n)  # the doubt was another one, the ring of the start
-            paths.sort(key=lambda path: -path.gain)
-            stories = self._told_by(paths, whole, event)
+            stories = self._later(stories, event, whole)
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
         nothing = not any(self._counts(path, whole, event) for path in paths)
@@ -96,6 +93,14 @@ class LastWord:
             if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
                 break
         return paths, stories
+
+    def _later(self, stories: list[Story], event: Event, whole: WholeMove) -> list[Story]:
+        """Stories of faults after the ring of the start where they are as good: the doubt was of the ring."""
+        first = int(np.searchsorted(whole.window.t, event.start_s + SETTLED_S))
+        later = [path for path in whole.paths(first, whole.n) if path.begin >= first]
+        found = self._told_by(later, whole, event)
+        best = max((story.gain for story in stories), default=-math.inf)
+        return found if any(story.gain >= best for story in found) else stories
 
     def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path is better than nominal by more than chance, and more than the ring of a start.

@@ -33,7 +33,7 @@ class Path(NamedTuple):
 
     first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
-    innovation squared of the fault's filter while it lasted. later: the nats of it that came `SETTLED_S` or more after the begin.
+    innovation squared of the fault's filter while it lasted. later: the nats of it that came `SETTLED_S` or more after the begin, also behind its end.
     """
 
     hypothesis: Hypothesis
@@ -293,7 +293,7 @@ class WholeMove:
         gains(range(best - STRIDE, best + STRIDE + 1))
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
-        later = float(gained[best - begin]) - settled
+        later = tried[best] - settled
         ends = Path(h, begin, best, tried[best], at[best], lasted, later)
         return max(stays, ends, key=lambda path: path.gain)
 
