@@ -33,7 +33,8 @@ class Path(NamedTuple):
 
     first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
-    innovation squared of the fault's filter while it lasted. later: the nats of it that came `SETTLED_S` or more after the begin, also behind its end.
+    innovation squared of the fault's filter while it lasted. later: nats of the gain that came
+    `SETTLED_S` or more after the begin, also behind its end.
     """
 
     hypothesis: Hypothesis
