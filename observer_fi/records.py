@@ -168,6 +168,24 @@ class Severity(NamedTuple):
     words: str
 
 
+class Detectable(NamedTuple):
+    """The smallest severity of one fault that a healthy move would have shown: label, what is told, value, unit, in words."""
+
+    label: str
+    name: str
+    value: float
+    unit: str
+    words: str
+
+
+class CouldShow(NamedTuple):
+    """What a healthy move could have shown of faults that begin at a time in it [s]; blind: labels that it shows at no size."""
+
+    begin_s: float
+    least: tuple[Detectable, ...]
+    blind: tuple[str, ...]
+
+
 class Event(NamedTuple):
     """The verdict on one move: label, channel for a sensor fault, probability, and the times of contract section 3.
 
@@ -203,11 +221,12 @@ class Consistency(NamedTuple):
 
 @dataclass(frozen=True)
 class Isolation:
-    """One verdict for each move of a log, and one for the log."""
+    """One verdict for each move of a log, and one for the log. could_show: where that is an all-clear, what it is worth."""
 
     verdict: Event
     events: tuple[Event, ...]
     consistency: Consistency
+    could_show: CouldShow | None = None
 
 
 @dataclass(frozen=True)

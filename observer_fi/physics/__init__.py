@@ -16,16 +16,12 @@ from observer_fi.physics.empirical_curve import (
     value_names,
 )
 from observer_fi.physics.equations import INDEX, MOST_POINTS, NAMES, PARAMETERS, VMAX, D, J, applied_torque
+from observer_fi.physics.fault_row import NOMINAL, NOT_TESTED, UNKNOWN, FaultRow, Least, OwnState
 from observer_fi.physics.faults import (
     FAULT_KINDS,
     FAULTS,
     LABELS,
-    NOMINAL,
-    NOT_TESTED,
     OPEN_LOOP,
-    UNKNOWN,
-    FaultRow,
-    OwnState,
     broken,
     channel_of,
     colour_of,
@@ -66,6 +62,7 @@ __all__ = [
     "Drive",
     "FAULT_KINDS",
     "FaultRow",
+    "Least",
     "LABELS",
     "NOMINAL",
     "NOT_TESTED",

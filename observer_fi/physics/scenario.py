@@ -17,7 +17,8 @@ from observer_fi.errors import UsageError
 from observer_fi.physics import simulation as sim
 from observer_fi.physics.drives import DRIVES, Drive, position_loop
 from observer_fi.physics.equations import D
-from observer_fi.physics.faults import FAULT_KINDS, NOMINAL, FaultRow, broken
+from observer_fi.physics.fault_row import NOMINAL, FaultRow
+from observer_fi.physics.faults import FAULT_KINDS, broken
 from observer_fi.physics.rigs import Model, Rig, commanded, override, unknown_name, with_values
 from observer_fi.physics.trapezoid import quarters
 from observer_fi.records import CHANNELS, Array, Log

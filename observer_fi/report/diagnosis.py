@@ -72,11 +72,40 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
             "open_loop": _open_loop(outcome),
             "consistency": isolation.consistency._asdict(),
             "explanation": outcome.explanation,
+            "could_show": _could_show(isolation),
             "events": [event._asdict() for event in isolation.events],
             "settings": outcome.settings,
             "versions": versions(),
         }
     )
+
+
+def _could_show(isolation: Isolation) -> dict[str, Any] | None:
+    """What the move of an all-clear could have shown, by label."""
+    could = isolation.could_show
+    if could is None:
+        return None
+    least = {
+        d.label: {"name": d.name, "value": d.value, "unit": d.unit, "words": d.words} for d in could.least
+    }
+    return {"begin_s": could.begin_s, "least": least, "blind": could.blind}
+
+
+def sensitivity(isolation: Isolation) -> str:
+    """What the move of an all-clear could have shown, as a sentence; nothing where that is not known."""
+    could = isolation.could_show
+    if could is None:
+        return ""
+    words = []
+    if could.least:
+        told = ", ".join(d.words for d in could.least)
+        words.append(
+            f"Of what begins at {could.begin_s:.3f} s, in its middle, this move would have told: {told}."
+        )
+    if could.blind:
+        names = " and ".join(NAMES[label].lower() for label in could.blind)
+        words.append(f"It could not have shown: {names}, of whatever size.")
+    return " ".join(words)
 
 
 def _open_loop(outcome: Outcome) -> dict[str, Any]:
@@ -157,6 +186,7 @@ def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
             figures=drawn,
             captions=figures.captions(outcome),
             doubts=doubts(outcome),
+            sensitivity=sensitivity(isolation),
             settings=flattened(outcome.settings),
             rig=rig,
             listed=LISTED,

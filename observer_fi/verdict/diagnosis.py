@@ -29,6 +29,7 @@ from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
+from observer_fi.verdict.detectable import could_show
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
@@ -271,7 +272,9 @@ class Diagnosis:
         events = tuple(self._finished(e) for e in found.events)
         verdict = log_verdict(list(events))
         lack = self.testable.lack(self.rate, self.rig, verdict.label)
-        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency)
+        asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
+        could = could_show(asked, self.memory, self.filters, self.settings.decision)
+        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency, could)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)

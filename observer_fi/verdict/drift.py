@@ -40,3 +40,16 @@ class Drift:
             if beyond.size:
                 found = float(t[beyond[0]])
                 self.since = found if self.since is None else min(self.since, found)
+
+
+def largest_means(normalised: Array, interval: float) -> Array:
+    """The largest mean of any channel over any of the times, in its standard deviations, at each of (n, 3) innovations, (n,).
+
+    They come after a long calm.
+    """
+    z, largest = np.nan_to_num(normalised[:, CHANNELS]), np.zeros(len(normalised))
+    for time in TIMES_S:
+        weight = min(interval / time, 1.0)
+        mean = lfilter([weight], [1.0, weight - 1.0], z, axis=0)
+        largest = np.maximum(largest, np.abs(mean).max(axis=1) / np.sqrt(weight / (2.0 - weight)))
+    return largest

@@ -16,20 +16,21 @@ from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, 
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.whole_move import Path, WholeMove
+from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
-SETTLED_S = 0.15  # a fault that begins and ends within the ring of a start is the ring
 RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
 # does not describe the machine, both are above, and a name would be made up.
 FITS = 1.3
 CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
+FAR = 100.0  # times the nats of another fault, that one must have for which no motion speaks before it
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
+AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
 
 
 class Story(NamedTuple):
@@ -67,6 +68,46 @@ class LastWord:
         doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
         if whole is None or doubted is None:
             return event
+        paths, stories = self._near(doubted, event, whole)
+        named = any(story.mode != UNKNOWN for story in stories)
+        if not named and any(self._counts(path, whole, event) for path in paths):
+            stories = self._later(stories, event, whole)
+        stories = list(self._of_sensor_or_nut(stories, whole, bank, event))
+        if stories:
+            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
+        nothing = not any(self._counts(path, whole, event) for path in paths)
+        if (
+            event.label not in (NOMINAL, UNKNOWN)
+            and nothing
+            and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
+        ):
+            return _healthy(event)
+        return event
+
+    def _of_sensor_or_nut(
+        self, stories: Sequence[Story], whole: WholeMove, bank: Bank, event: Event
+    ) -> Iterator[Story]:
+        """Stories with those of a slip decided by the rest after the move: a nut stands there, a sensor that drifts goes on.
+
+        At one speed the two look alike; without a rest both are told.
+        """
+        drift = _drift_at_rest(bank, event.end_s, whole)
+        for story in stories:
+            if story.mode != "slip" or story.path.end is not None:
+                yield story
+                continue
+            lost = _constant(story.path, next(own for own in story.path.hypothesis.own if own.name == "E"))[0]
+            slips = (
+                -lost * self.rig.model["D"] * float(whole.window.w_cmd[-1])
+            )  # m/s that a sensor would have to drift
+            goes_on = _is_near(drift, slips, self.filters.rig.noise_std[2])
+            if goes_on is not True:
+                yield story
+            if goes_on is not False:
+                yield story._replace(mode="sensor:position")
+
+    def _near(self, doubted: float, event: Event, whole: WholeMove) -> tuple[list[Path], list[Story]]:
+        """Paths whose fault begins before a doubt, or shortly after it, and what they may be called."""
         for before in BEFORE_S:
             since = max(event.start_s, doubted - before)
             begins = np.searchsorted(whole.window.t, (since, doubted + AFTER_S))
@@ -75,30 +116,33 @@ class LastWord:
             best = max((path.begin for path in paths[:1]), default=0)
             if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
                 break
-        if stories:
-            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
-        nothing = all(
-            path.gain < self.settings.move_nats or _passes(path, whole, event.start_s) for path in paths
-        )
-        named = event.label not in (NOMINAL, UNKNOWN)
-        if named and nothing and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal):
-            return _healthy(event)
-        return event
+        return paths, stories
+
+    def _later(self, stories: list[Story], event: Event, whole: WholeMove) -> list[Story]:
+        """Stories of faults after the ring of the start where they are as good: the doubt was of the ring."""
+        first = int(np.searchsorted(whole.window.t, event.start_s + SETTLED_S))
+        later = [path for path in whole.paths(first, whole.n) if path.begin >= first]
+        found = self._told_by(later, whole, event)
+        best = max((story.gain for story in stories), default=-math.inf)
+        return found if any(story.gain >= best for story in found) else stories
+
+    def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
+        """Whether the path is better than nominal by more than chance, and more than the ring of a start.
+
+        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain.
+        """
+        if _passes(path, whole, event.start_s):
+            return False
+        rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
+        return min(path.gain, path.later if rings else math.inf) >= self.settings.move_nats
 
     def _move(self, event: Event, bank: Bank) -> WholeMove | None:
         """The move from a rest before it to its last sample under way."""
-        recent = bank.recent
-        starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
-        if recent is None or not starts or recent.t[0] > starts[-1][0] + 1e-9:
-            return None
-        since, memory = starts[-1]
-        under_way = np.flatnonzero(recent.active & (recent.t <= event.end_s))
-        first = int(np.searchsorted(recent.t, since - 1e-9))
-        if not under_way.size or under_way[-1] + 1 - first < 2:
+        found = window_of(event, bank)
+        if found is None:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
-        window = recent.cut(first, int(under_way[-1]) + 1)
-        return WholeMove(self.hypotheses, window, memory, self.filters)
+        return WholeMove(self.hypotheses, *found, self.filters)
 
     def _told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
         """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.
@@ -109,20 +153,20 @@ class LastWord:
             return []
         if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
             return []
-        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p)]
+        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
 
         Another name than the bank's needs motion before the fault that nominal explains.
         """
-        if _passes(path, whole, event.start_s) or path.gain < self.settings.move_nats:
+        if not self._counts(path, whole, event):
             return False
         if path.nis > FITS * whole.expected(path.hypothesis):
             return False
         return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
 
-    def _stories(self, path: Path) -> Iterator[Story]:
+    def _stories(self, path: Path, whole: WholeMove) -> Iterator[Story]:
         """What a path may be called: the fault that it was made for, or one that is a special case of it.
 
         A soft stop without stiffness is a slip; a mass that has lost all its travel without any change of the load is a position
@@ -130,12 +174,12 @@ class LastWord:
         posterior density of its constant over the prior one (Dickey 1971).
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
-        if all(self._believable(path, own) for own in held.values()):
+        if all(self._believable(path, own, whole) for own in held.values()):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
             return
         lost, std = _constant(path, held["E"])
-        if "C" in held and self._believable(path, held["E"]):
+        if "C" in held and self._believable(path, held["E"], whole):
             yield Story("slip", path.gain + _special(path, held["C"], 0.0), path)
         if abs(lost - 1.0) < BELIEVABLE * std:
             yield Story("sensor:position", path.gain + _special(path, held["E"], 1.0), path)
@@ -161,16 +205,21 @@ class LastWord:
         return float(np.logaddexp(nats, 0.0)) - math.log(2.0)
 
     @staticmethod
-    def _believable(path: Path, own: OwnState) -> bool:
+    def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = _constant(path, own)
+        value *= whole.direction(path.begin) if own.of_friction else 1.0
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
 
     def _clean(self, path: Path, whole: WholeMove, start_s: float) -> bool:
-        """Whether nominal explains the motion before the fault, and there was some."""
+        """Whether nominal explains the motion before the fault, and there was some; or there was none, and only the fault fits.
+
+        A fault that is there from the start must win by far: a rig file that is off also shows from the start.
+        """
         first = int(np.searchsorted(whole.window.t, start_s))
-        before = whole.nis[first : path.begin]
-        enough = before.size > 0 and whole.window.t[path.begin] - start_s >= CLEAN_S
-        return enough and float(before.mean()) <= FITS * whole.expected(whole.nominal)
+        if whole.window.t[path.begin] - start_s < CLEAN_S:
+            fits = path.nis <= WELL * whole.expected(path.hypothesis)
+            return fits and path.end is None and path.later >= FAR * self.settings.move_nats
+        return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""
@@ -204,7 +253,7 @@ class LastWord:
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
-            scale = float(np.sign(whole.window.w_cmd[path.begin])) / friction
+            scale = whole.direction(path.begin) / friction
             std = math.hypot(std, value * doubt)
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
@@ -219,6 +268,27 @@ class LastWord:
         k = states.index("A")
         factor = float(path.memory.x[k])
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, float] | None:
+    """Slope of the position after a move [m/s] and the share of its noise in that [1/s]; None where there is no rest."""
+    recent = bank.recent
+    if recent is None:
+        return None
+    after = (recent.t > whole.window.t[-1] + SETTLED_S) & (recent.t <= end_s) & (recent.w_cmd == 0.0)
+    after &= np.isfinite(recent.z[:, 2])
+    t, x = recent.t[after], recent.z[after, 2]
+    if t.size < AT_REST:
+        return None
+    off = t - t.mean()
+    return float(off @ x / (off @ off)), float(1.0 / math.sqrt(off @ off))
+
+
+def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:
+    """Whether a position drifts at rest as expected [m/s], or stands; None where its noise [m] leaves both."""
+    if drift is None or abs(expected) < 2.0 * Z_REST * drift[1] * noise:
+        return None
+    return abs(drift[0] - expected) < 0.5 * abs(expected)
 
 
 def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:

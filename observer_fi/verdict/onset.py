@@ -83,6 +83,10 @@ class _SideBySide:
         """Normalised innovation squared of the samples that `density` last took, (samples, count)."""
         return self.out.nis[:samples]
 
+    def normalised(self, samples: int) -> Array:
+        """Innovations of the first filter over their deviations, of the samples that `density` last took, (samples, 3)."""
+        return self.out.normalised[:samples]
+
 
 class Filters:
     """The filters that searches for onsets share: making them costs as much as a search."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
+from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
-from observer_fi.records import Array
+from observer_fi.records import Array, Event
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
@@ -21,6 +21,7 @@ CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
 TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
 # After a begin, by which a fault that comes for a while shows; beside them the whole move.
 LOOKS_S = (0.03, 0.125, 1.0)
+SETTLED_S = 0.15  # by then the ring of a start is over
 LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
@@ -32,7 +33,8 @@ class Path(NamedTuple):
 
     first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
-    innovation squared of the fault's filter while it lasted.
+    innovation squared of the fault's filter while it lasted. later: nats of the gain that came
+    `SETTLED_S` or more after the begin, also behind its end.
     """
 
     hypothesis: Hypothesis
@@ -41,6 +43,7 @@ class Path(NamedTuple):
     gain: float
     memory: HypothesisState
     nis: float
+    later: float
     first: int = 0
     last: int = 0
 
@@ -53,6 +56,23 @@ class Begin(NamedTuple):
     first: int
     last: int
     near: HypothesisState | None
+
+
+def window_of(event: Event, bank: Bank) -> tuple[LogSamples, HypothesisState] | None:
+    """The samples of a move from a rest before it to its last one under way, and nominal's memory before them.
+
+    None where they are no longer at hand.
+    """
+    recent = bank.recent
+    starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
+    if recent is None or not starts or recent.t[0] > starts[-1][0] + 1e-9:
+        return None
+    since, memory = starts[-1]
+    under_way = np.flatnonzero(recent.active & (recent.t <= event.end_s))
+    first = int(np.searchsorted(recent.t, since - 1e-9))
+    if not under_way.size or under_way[-1] + 1 - first < 2:
+        return None
+    return recent.cut(first, int(under_way[-1]) + 1), memory
 
 
 class WholeMove:
@@ -95,6 +115,10 @@ class WholeMove:
                 if gain >= HOPELESS * best and (b.hypothesis.name, b.begin // STRIDE) not in good:
                     found.append(self._ended(b)._replace(first=b.first, last=b.last))
         return sorted(found, key=lambda path: -path.gain)
+
+    def direction(self, k: int) -> float:
+        """Sign of the commanded speed at sample k."""
+        return float(np.sign(self.window.w_cmd[k]))
 
     def expected(self, h: Hypothesis) -> float:
         """Readings of a sample that a hypothesis believes, on average: what its NIS is expected to be."""
@@ -236,7 +260,9 @@ class WholeMove:
         memories, density, nis = self._follow(h, enter(before), begin)
         gained = np.concatenate(([0.0], np.cumsum(density))) - (self.until[begin:] - self.until[begin])
         gained -= enter.far
-        stays = Path(h, begin, None, float(gained[-1]) - CHANGE_NATS, memories[-1], float(nis.mean()))
+        settled = float(gained[min(round(SETTLED_S / self.interval), gained.size - 1)])
+        gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
+        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later)
         back = Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
         tried: dict[int, float] = {}
         at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
@@ -268,7 +294,9 @@ class WholeMove:
         gains(range(best - STRIDE, best + STRIDE + 1))
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
-        return max(stays, Path(h, begin, best, tried[best], at[best], lasted), key=lambda path: path.gain)
+        later = tried[best] - settled
+        ends = Path(h, begin, best, tried[best], at[best], lasted, later)
+        return max(stays, ends, key=lambda path: path.gain)
 
     def _each(
         self, h: Hypothesis, at: dict[int, HypothesisState], first: int, last: int

@@ -6,22 +6,18 @@ from typing import Any
 import pytest
 
 from observer_fi.physics import equations as a
+from observer_fi.physics.fault_row import NOMINAL, UNKNOWN, FaultRow, Injection, table
 from observer_fi.physics.faults import (
     FAULT_KINDS,
     FAULTS,
     LABELS,
-    NOMINAL,
     OPEN_LOOP,
-    UNKNOWN,
-    FaultRow,
-    Injection,
     broken,
     channel_of,
     colour_of,
     faulty,
     label_of,
     mode_of,
-    table,
     words_of,
 )
 from observer_fi.physics.rigs import load_rig

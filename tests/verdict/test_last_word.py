@@ -94,6 +94,38 @@ def test_a_rig_that_is_off_gets_no_name(seed: int) -> None:
     assert v.label not in ("overload", "coupling_loss", "slip", "jam")
 
 
+@pytest.mark.parametrize("onset", [0.0, 0.31, 0.33])  # before the first sample, and in the start
+@pytest.mark.parametrize(("label", "name"), [("slip", "share_lost"), ("coupling_loss", "drag")])
+def test_a_fault_that_is_there_from_the_start_has_its_name_and_size(
+    label: str, name: str, onset: float
+) -> None:
+    v = verdict(hidden.Fault(label, onset, size=0.5))
+    assert v.label == label
+    true = {"share_lost": 0.5, "drag": hidden.TABLE_1.A_loose}[name]
+    assert size(v, name)[0] == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize("speed", [10.0, 12.0])
+@pytest.mark.parametrize("seed", [5300, 5301])
+def test_the_ring_of_a_creeping_start_is_no_fault(speed: float, seed: int) -> None:
+    """Entered there, any fault gains by a speed that is in doubt anew; it must go on to gain."""
+    spec = hidden.TruthSpec(hidden.single_move(speed, 3.0, pitch_deg=4.0), start_integral_rad=0.02)
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == "nominal"
+
+
+@pytest.mark.parametrize("label", ["slip", "jam", "coupling_loss"])
+def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
+    """Seed 5006, an S-curve, is doubted in its start: what comes two seconds later is found all the same."""
+    spec = hidden.draw_severity_case(5006, "nominal", "s_curve")
+    fault = hidden.Fault(label, 2.1, size=0.06, duration_s=0.1 if label == "coupling_loss" else np.inf)
+    found = diagnose_log(
+        log_from_frame(hidden.make_log(replace(spec, fault=fault), 5006)[0]), RIG, Settings()
+    ).isolation
+    assert found is not None and found.verdict.label == label
+    assert found.verdict.onset_s == pytest.approx(2.1, abs=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*hidden.SEVERITY_KINDS, "nominal"])
 def test_sizes_drawn_over_decades(kind: str) -> None:
