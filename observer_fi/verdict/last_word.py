@@ -22,7 +22,9 @@ from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, win
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
-RARE_NATS = math.log(10.0)  # that a load and a slip at will must be better than a fault with a name
+# By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
+# fault grows is no part of its model.
+RARE_NATS, AT_WILL = math.log(10.0), 2e-3
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
 # does not describe the machine, both are above, and a name would be made up.
 FITS = 1.3
@@ -74,7 +76,7 @@ class LastWord:
             stories = self._later(stories, event, whole)
         stories = list(self._of_sensor_or_nut(stories, whole, bank, event))
         if stories:
-            return self._told(event, sorted(stories, key=lambda s: -s.gain), whole)
+            return self._told(event, sorted(stories, key=lambda s: -_worth(s)), whole)
         nothing = not any(self._counts(path, whole, event) for path in paths)
         if (
             event.label not in (NOMINAL, UNKNOWN)
@@ -332,13 +334,18 @@ def _special(path: Path, own: OwnState, value: float) -> float:
     return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
 
 
+def _worth(story: Story) -> float:
+    """Nats of a story over nominal, less what a load at will must be better by."""
+    at_will = label_of(story.mode) == UNKNOWN
+    return story.gain - (RARE_NATS + AT_WILL * story.gain if at_will else 0.0)
+
+
 def _posterior(event: Event, stories: Sequence[Story]) -> dict[str, float]:
     """Probability of each label: its best story against nominal and the others'."""
     nats = {NOMINAL: 0.0}
     for story in stories:
         label = label_of(story.mode)
-        worth = story.gain - (RARE_NATS if label == UNKNOWN else 0.0)
-        nats[label] = max(nats.get(label, -math.inf), worth)
+        nats[label] = max(nats.get(label, -math.inf), _worth(story))
     top = max(nats.values())
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())
