@@ -70,7 +70,9 @@ def test_neighbours_differ_by_the_noise_alone() -> None:
 def test_a_log_without_any_rest_tells_its_noise_from_second_differences() -> None:
     log = signal(4)
     moving = (log.t > 0.8) & (log.t < 1.6)
-    found = traits_of(replace(log, t=log.t[moving], z=log.z[moving], w_cmd=log.w_cmd[moving], pitch=log.pitch[moving]))
+    found = traits_of(
+        replace(log, t=log.t[moving], z=log.z[moving], w_cmd=log.w_cmd[moving], pitch=log.pitch[moving])
+    )
     assert [c.noise_std for c in found[:3]] == pytest.approx(SIGMA, rel=0.1)
     assert all(plain(c) for c in found[:3])
 
@@ -116,7 +118,9 @@ def test_a_channel_that_is_not_there_has_no_noise() -> None:
 
 def test_a_constant_channel_is_finite() -> None:
     found = read(np.full(clock().size, 0.25), 2)
-    assert found.noise_std == 0.0 and np.isfinite(found.as_white) and found.update_hz is None and not found.lines
+    assert (
+        found.noise_std == 0.0 and np.isfinite(found.as_white) and found.update_hz is None and not found.lines
+    )
     assert found.repeats == 1.0
 
 
@@ -185,14 +189,18 @@ def test_missing_rows_do_not_change_the_rate() -> None:
         log = signal(seed, 4.0)
         log.z[:, 2] = log.z[held(log.t.size, RATE / 60.0), 2]
         kept = np.random.default_rng(seed).random(log.t.size) > 0.03
-        found = traits_of(replace(log, t=log.t[kept], z=log.z[kept], w_cmd=log.w_cmd[kept], pitch=log.pitch[kept]))
+        found = traits_of(
+            replace(log, t=log.t[kept], z=log.z[kept], w_cmd=log.w_cmd[kept], pitch=log.pitch[kept])
+        )
         assert found.position.update_hz == pytest.approx(60.0, rel=1e-4)
 
 
 def test_the_noise_of_a_held_channel_is_that_of_its_fresh_readings() -> None:
     log = signal(2, 6.0)
     log.z[:, 2] = log.z[held(log.t.size, 16.0), 2]
-    assert traits_of(log).position.noise_std == pytest.approx(SIGMA[2], rel=0.25)  # 270 of them: 4.3 % is one sigma
+    assert traits_of(log).position.noise_std == pytest.approx(
+        SIGMA[2], rel=0.25
+    )  # 270 of them: 4.3 % is one sigma
 
 
 @pytest.mark.parametrize("sigmas", [1.0, 3.0, 200.0])
@@ -317,7 +325,9 @@ def test_a_gap_now_and_then_is_neither_jitter_nor_rounding() -> None:
         assert found.interval_s == pytest.approx(1.0 / RATE)
 
 
-@pytest.mark.xfail(reason="from 2 % of missing rows on their gaps are taken for jitter of a clock of whole samples")
+@pytest.mark.xfail(
+    reason="from 2 % of missing rows on their gaps are taken for jitter of a clock of whole samples"
+)
 def test_nor_are_three_missing_rows_in_a_hundred() -> None:
     for seed in range(10):
         found = clock_of(without(0.03, seed))
@@ -327,4 +337,4 @@ def test_nor_are_three_missing_rows_in_a_hundred() -> None:
 
 def test_a_clock_of_few_samples_tells_nothing() -> None:
     assert clock_of(clock()[:50])[:2] == (0.0, None)
-    assert CHANNELS == Acquisition._fields[:3]
+    assert Acquisition._fields[:3] == CHANNELS

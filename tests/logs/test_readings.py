@@ -39,7 +39,9 @@ COARSE = ChannelTraits(1e-5, 1e-4, resolution=1e-4)
 def test_plain_readings_are_the_very_log() -> None:
     log = signal(1)
     assert readings().plain and readings().take(log) is log
-    fine = ChannelTraits(1e-5, 1e-5, resolution=1.9e-5)  # steps within two sigma are noise, not standing readings
+    fine = ChannelTraits(
+        1e-5, 1e-5, resolution=1.9e-5
+    )  # steps within two sigma are noise, not standing readings
     assert readings(fine).plain
     assert not readings(held_at(100.0)).plain and not readings(COARSE).plain
 
@@ -83,7 +85,13 @@ def test_coarse_and_held_ones_at_ticks_that_are_powers_of_two() -> None:
 def test_a_reading_that_is_not_there_is_none_and_ends_no_run() -> None:
     z = np.ones(80)
     z[5:30] = np.nan
-    assert fresh(z, held_at(100.0)).tolist() == [0, 30, 32, 48, 64]  # at 30 the tick of 16 is still to be seen
+    assert fresh(z, held_at(100.0)).tolist() == [
+        0,
+        30,
+        32,
+        48,
+        64,
+    ]  # at 30 the tick of 16 is still to be seen
     assert fresh(np.full(80, np.nan), held_at(100.0)).size == 0
 
 
@@ -101,7 +109,11 @@ def test_a_log_is_not_written_to() -> None:
     assert readings(held_at(100.0)).take(log) is not log and np.array_equal(log.z, before)
 
 
-@given(cuts=st.lists(st.integers(1, 999), max_size=12), hz=st.sampled_from((None, 60.0, 100.0)), coarse=st.booleans())
+@given(
+    cuts=st.lists(st.integers(1, 999), max_size=12),
+    hz=st.sampled_from((None, 60.0, 100.0)),
+    coarse=st.booleans(),
+)
 def test_chunks_make_no_difference(cuts: list[int], hz: float | None, coarse: bool) -> None:
     t = clock(1000 / RATE)
     z = clean(clock())[1100:2100].copy()
