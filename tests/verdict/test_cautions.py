@@ -16,10 +16,11 @@ from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.lateness import Lateness
 
 RIG = load_rig()
+NONE = Lateness()
 PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(0.0, None, 1.0 / 1600.0))
 
 
-def told(acquisition: Acquisition = PLAIN, late: Lateness = Lateness(), offset: float = 0.0, nis: float = 2.9,
+def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
          label: str = "nominal") -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(rig=RIG, acquisition=acquisition, late=late, offset=offset)
     isolation: Any = SimpleNamespace(
