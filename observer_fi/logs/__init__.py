@@ -1,5 +1,6 @@
 """Files and lines to logs, and logs to moves."""
 
+from observer_fi.logs.acquisition import FEWEST, acquisition_of
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
@@ -17,6 +18,7 @@ from observer_fi.logs.moves import (
     settling_time,
 )
 from observer_fi.logs.plain_lines import numbers
+from observer_fi.logs.readings import Readings, even
 from observer_fi.logs.units import suspect_units
 
 __all__ = [
@@ -26,12 +28,16 @@ __all__ = [
     "Clock",
     "ColumnMap",
     "Excitation",
+    "FEWEST",
     "PLAIN",
     "Parser",
     "Phase",
+    "Readings",
     "Row",
     "SUFFIXES",
     "Splitter",
+    "acquisition_of",
+    "even",
     "excitation",
     "lines_of",
     "load_columns",

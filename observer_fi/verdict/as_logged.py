@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.logs.acquisition import FEWEST, acquisition_of
-from observer_fi.logs.readings import Readings, even
+from observer_fi.logs import FEWEST, Readings, acquisition_of, even
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings

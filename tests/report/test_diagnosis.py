@@ -120,7 +120,7 @@ def test_the_traits_of_a_poor_logger_stand_in_json_and_on_the_page(overload: Out
     text = visible_text(files["report.html"])
     assert "what it does to its readings, measured from this log" in text
     for words in (
-        "position_m is held, fresh 100 times a second",
+        "is held, fresh 100 times a second",
         "50.02",
         "0.020 s",
         "0.00029 s",
