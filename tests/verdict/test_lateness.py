@@ -112,7 +112,7 @@ def test_nor_does_a_sensor_that_fails_in_the_start(fault: Fault) -> None:
 
 
 @pytest.mark.xfail(
-    reason="the delay that was found instead makes the verdict unknown, or blames another channel"
+    reason="unknown, or another channel: for the delay found instead, but of the current at the very start also without"
 )
 @pytest.mark.parametrize("fault", FAILING[:4], ids=lambda fault: f"{fault.kind}-{fault.channel}")
 def test_a_sensor_that_fails_in_the_start_is_named(fault: Fault) -> None:
