@@ -6,9 +6,10 @@ from observer_fi import settings, toml_files
 from observer_fi.bank import log_feed
 from observer_fi.improve import simulated_moves
 from observer_fi.learn import move_data
-from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
+from observer_fi.logs import acquisition, cleaning, columns, ingest, line_parser, tables
 from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
 from observer_fi.physics import PARAMETERS, rig_file
+from observer_fi.verdict import lateness
 
 PAGE = Path(__file__).parent.parent / "docs" / "limits.md"
 
@@ -107,6 +108,27 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             "types of Parquet columns",
             "whole, real and decimal numbers, and texts of numbers",
             "else: refused",
+        ),
+        (
+            "what tells a logger's traits",
+            f"the first {acquisition.LONGEST:,} samples; a rest of {acquisition.FEWEST} or more",
+            "the rig file's noise; a range that is switched later is not seen, and may be told as a sensor fault",
+        ),
+        (
+            "rate of held readings",
+            f"{acquisition.TICKS} of them in those samples, half as many at rest and in steady motion",
+            "not told; a position at 5 Hz has no kink that tells a lost coupling from a slow start",
+        ),
+        (
+            "steps of readings",
+            "a few of them in a move",
+            "a position in steps of 2 mm says where the mass was, not when the coupling let go",
+        ),
+        (
+            "delays between channels",
+            f"{max(lateness.RELATIVE):g} samples between voltage and current, {max(lateness.COMMON):g} of both, "
+            f"{max(lateness.OF_POSITION):g} of the position, and half as much again",
+            "log the channels at one time; a fault in the first quarter of a second of a log may pass for a delay",
         ),
         ("line of a stream", f"{line_parser.LONGEST_LINE >> 10} KB", "longer: skipped, told"),
     ]

@@ -29,6 +29,7 @@ ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the
 COARSE = 0.3  # of the noise: steps from here on are told
 MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
 HELD = 0.3  # share of repeated readings from which a channel may be held
+SAME_PACE = 0.15  # relative: as often as steps of the reading at its speed
 OUT_OF_TURN = 0.02  # share of changes that may come sooner than a tick after another
 TICKS = 12  # changes that tell an update rate
 STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
@@ -225,11 +226,19 @@ def update_samples(row: NDArray[np.int64], z: Array, w_cmd: Array) -> float | No
     if same.mean() < HELD or at.size < TICKS:
         return None
     period = _period(row[at], int(row[-1]) + 1)
-    if period is None:
+    if period is None or _of_steps(z, w_cmd, period):
         return None
     steady = np.append(False, np.diff(w_cmd) == 0.0) & (w_cmd != 0.0)
     groups = [g for g in (at[steady[at]], at[~steady[at]]) if g.size >= TICKS // 2]
     return period if all(_regular(row[g], period) > 0.8 * np.sinc(1.0 / period) for g in groups) else None
+
+
+def _of_steps(z: Array, w_cmd: Array, period: float) -> bool:
+    """Whether changes come as often as a reading in steps makes them at constant speed."""
+    step = resolution_of(np.diff(z))
+    steady = np.append(False, np.diff(w_cmd) == 0.0) & (w_cmd != 0.0)
+    speed = abs(float(np.mean(np.diff(z)[steady[1:]]))) if steady[1:].any() else 0.0
+    return step is not None and abs(speed * period / step - 1.0) < SAME_PACE
 
 
 def _regular(at: NDArray[np.int64], period: float) -> float:
@@ -382,4 +391,7 @@ def clock_of(t: Array) -> Clock:
     )
     coarse = step if rounded else None
     usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
-    return Clock(float(np.std(usual)) / math.sqrt(2.0), coarse, float(usual.mean()) if coarse else interval)
+    jitter = float(np.std(usual)) / math.sqrt(2.0)
+    if jitter < JITTER * interval:
+        return Clock(0.0, None, interval)
+    return Clock(jitter, coarse, float(usual.mean()) if coarse else interval)

@@ -65,7 +65,8 @@ class AsLogged:
             return plain and self.rig.logger is None and self.settings == settings
         same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
         same = self.offset == other.offset and self.late == other.late and self.settings == other.settings
-        return bool(same_noise) and same
+        held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands
+        return bool(same_noise) and same and held
 
     def _even(self, log: Log) -> Log:
         """A chunk on an even clock and without the offset of its voltage."""

@@ -22,7 +22,8 @@ FEWEST = 60  # samples in motion there
 NOTICED_NATS = 40.0  # that a delay must be worth
 LEAST = 0.08  # of a sample
 FIRST_LOOK = 0.25  # samples
-FITS = 1.6  # times its expected NIS: a start that nominal explains has no delays
+# Times its expected NIS: a start that nominal explains has no delays, and one that it does not explain with them has a fault.
+FITS = 1.6
 RELATIVE = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 COMMON = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 FIRST_LOOK_OF_POSITION = (4.0, 16.0)
@@ -98,14 +99,15 @@ def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
     near = max(gain(_shifted(**(known | {"r": known["r"] + r}))) for r in (-FIRST_LOOK, FIRST_LOOK)) - gain(
         nothing
     )
-    if near < NOTICED_NATS and gain.misfit < FITS:
+    if near < NOTICED_NATS and gain.misfit(nothing) < FITS:
         return nothing
     best = _best(gain, nothing, "r", RELATIVE)
     best = _best(gain, best, "common", COMMON)
     best = _finer(gain, _finer(gain, best, "r", 0.25), "r", 0.08)
     best = _finer(gain, best, "common", 0.25)
     best = _finer(gain, best, "r", 0.05)
-    return nothing if gain(best) - gain(nothing) < NOTICED_NATS or best.electrical < LEAST else best
+    better = gain(best) - gain(nothing) > NOTICED_NATS and best.electrical >= LEAST
+    return best if better and gain.misfit(best) < FITS else nothing
 
 
 def _position(gain: "_Gains", best: Lateness) -> Lateness:
@@ -115,7 +117,8 @@ def _position(gain: "_Gains", best: Lateness) -> Lateness:
         return best
     later = _best(gain, best, "position", OF_POSITION)
     later = _finer(gain, later, "position", 0.5 * _parts(later)["position"])
-    return later if gain(later) - gain(best) > NOTICED_OF_POSITION else best
+    better = gain(later) - gain(best) > NOTICED_OF_POSITION
+    return later if better and gain.misfit(later) < FITS else best
 
 
 def _start(log: Log) -> Log | None:
@@ -129,21 +132,26 @@ def _start(log: Log) -> Log | None:
 
 
 class _Gains:
-    """Nats by which delays explain a start better than none. misfit: NIS of nominal without any, over its expectation."""
+    """Nats by which delays explain a start better than none, and how well nominal then fits: its NIS over its expectation."""
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
         self.log, self.rig, self.settings = log, rig, settings
         self.interval = float(np.median(np.diff(log.t)))
-        self.known: dict[Lateness, float] = {}
-        self.misfit = 0.0
-        self.nothing = self._nats(Lateness())
+        self.known: dict[Lateness, tuple[float, float]] = {}
 
     def __call__(self, late: Lateness) -> float:
+        return self._of(late)[0] - self._of(Lateness())[0]
+
+    def misfit(self, late: Lateness) -> float:
+        """NIS of nominal in motion with these delays, over its expectation."""
+        return self._of(late)[1]
+
+    def _of(self, late: Lateness) -> tuple[float, float]:
         if late not in self.known:
-            self.known[late] = self._nats(late) - self.nothing
+            self.known[late] = self._tried(late)
         return self.known[late]
 
-    def _nats(self, late: Lateness) -> float:
+    def _tried(self, late: Lateness) -> tuple[float, float]:
         """Log-likelihood of the motion, less that of as much rest: what mixing of samples makes of the noise is no gain."""
         rig = set_right(self.rig, late, self.interval)
         log = SetBack(late).take(self.log)
@@ -152,8 +160,8 @@ class _Gains:
         rest = ~moving
         rest[:8] = False
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        self.misfit = self.misfit or float(np.nanmean(nis))
-        return float(e.density[moving, 0].sum() - e.density[rest, 0].mean() * moving.sum())
+        nats = float(e.density[moving, 0].sum() - e.density[rest, 0].mean() * moving.sum())
+        return nats, float(np.nanmean(nis))
 
 
 def _shifted(r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from hidden import make_log_with
 from hypothesis import given
 from hypothesis import settings as examples
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
-from moves import cut, holed, move, onset, rows
+from moves import case, cut, holed, move, onset, rows
 from scipy.linalg import cholesky, expm
 
 from observer_fi.bank import compiled_bank as kernels
@@ -18,11 +19,12 @@ from observer_fi.bank import transition as tr
 from observer_fi.bank.filterpy_bank import Ekf, FilterpyBank, LogIMM, Observer, Step, Ukf
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
 from observer_fi.bank.ukf import factor
-from observer_fi.logs.ingest import read_log
+from observer_fi.logs.ingest import log_from_frame, read_log
 from observer_fi.physics import rigs as models
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
+from observer_fi.verdict.as_logged import AsLogged
 
 DATA = Path(__file__).parents[2] / "data"
 SAMPLES = json.loads((DATA / "samples.json").read_text())
@@ -98,6 +100,28 @@ def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: fl
     if seconds > 3.0:
         best = ours.modes[int(ours.probability[ours.active][-1].argmax())]
         assert best == SAMPLES[name]["label"]
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize(
+    "name", ["steps_3_all", "position_100hz", "position_averaged", "hum_50hz", "voltage_late"]
+)
+def test_both_engines_agree_on_what_a_logger_leaves(name: str, kind: str) -> None:
+    """Readings left out, steps, a rig with the logger's noise and delays; around the onset of a lost coupling."""
+    spec = case(4, "coupling_loss")
+    log = log_from_frame(make_log_with(name, spec, 4)[0])
+    known = AsLogged(log, RIG, SETTINGS)
+    assert known.rig is not RIG
+    at = onset(4, "coupling_loss")
+    log = cut(known.take(log), at - 0.04, at + 0.12)
+    ours = FilterpyBank(known.rig, known.settings, filter_kind=kind).advance(log)
+    compiled = kernels.Bank(known.rig, known.settings, filter_kind=kind).advance(log)
+    np.testing.assert_allclose(ours.probability, compiled.probability, rtol=0.0, atol=1e-8)
+    np.testing.assert_array_equal(np.isnan(ours.normalised), np.isnan(compiled.normalised))
+    for part in ("nis", "normalised", "states", "density", "strain"):
+        np.testing.assert_allclose(
+            getattr(ours, part), getattr(compiled, part), rtol=1e-7, atol=1e-7, err_msg=part
+        )
 
 
 def test_chunks_of_the_filterpy_bank_equal_the_whole() -> None:

@@ -1,5 +1,7 @@
 """The hypotheses of a bank: which states they share, how they are entered, and how often a mode changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,11 +9,12 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.hypotheses import arrays, bank, transition_rates
+from observer_fi.bank.hypotheses import arrays, bank, repeat_share, transition_rates
 from observer_fi.bank.packing import bank_rows, find_places
 from observer_fi.physics.equations import INDEX
 from observer_fi.physics.faults import FAULTS
-from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.rigs import Rig, load_rig
+from observer_fi.records import Acquisition, ChannelTraits, Clock
 from observer_fi.settings import BankSettings
 
 RIG = load_rig()
@@ -157,3 +160,35 @@ def test_rates_are_per_second_whatever_the_sampling() -> None:
     tr.mode_transition(ARRAYS.rates, 1 / 1600, fine, work)
     tr.mode_transition(ARRAYS.rates, 1 / 400, coarse, work)
     np.testing.assert_allclose(np.linalg.matrix_power(fine, 4), coarse, rtol=1e-12)
+
+
+# --- readings that repeat themselves ----------------------------------------------------------------
+
+
+def logged(**fields: object) -> Rig:
+    channels = [ChannelTraits(std, std)._replace(**fields) for std in RIG.file_noise_std.tolist()]
+    return replace(RIG, logger=Acquisition(*channels, Clock(0.0, None, 1.0 / 1600.0)))
+
+
+def test_a_repeat_is_one_within_a_share_of_the_noise() -> None:
+    usual = SETTINGS.repeat_scale
+    np.testing.assert_allclose(repeat_share(RIG, SETTINGS), usual)
+    np.testing.assert_allclose(repeat_share(logged(), SETTINGS), usual)
+
+
+def test_hum_does_not_make_a_repeat_of_what_the_noise_changes() -> None:
+    """Four times the noise by hum, neighbours as before: the same readings repeat themselves."""
+    loud = logged(as_white=1.0)
+    np.testing.assert_allclose(
+        repeat_share(loud, SETTINGS) * loud.noise_std, SETTINGS.repeat_scale * RIG.noise_std
+    )
+
+
+def test_coarse_readings_repeat_themselves_within_their_step() -> None:
+    coarse = logged(resolution=1e-3)
+    np.testing.assert_allclose((repeat_share(coarse, SETTINGS) * coarse.noise_std)[1:], 0.4e-3)
+
+
+def test_where_readings_repeat_themselves_at_rest_a_repeat_says_nothing() -> None:
+    np.testing.assert_array_equal(repeat_share(logged(repeats=0.5), SETTINGS), 1.0)
+    np.testing.assert_allclose(repeat_share(logged(repeats=0.05), SETTINGS), SETTINGS.repeat_scale)

@@ -2,6 +2,7 @@
 
 import pickle
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from observer_fi.physics.rigs import (
     rig_toml,
     with_values,
 )
+from observer_fi.records import Acquisition, ChannelTraits, Clock
 
 RIG = load_rig()
 PLANT = RIG.model
@@ -172,3 +174,43 @@ def test_plain_numbers_and_defaults_are_enough(tmp_path: Path) -> None:
     rig = load_rig(path)
     assert (rig.name, rig.drive, rig.noise) == ("mine", "pi_servo", Rig("", "", "", {}).noise)
     assert rig.model["J"] == 4.7e-7 and rig.model["E"] == 0.0
+
+
+# --- what a log has shown of the logger ----------------------------------------------------------
+
+
+def logged(**fields: object) -> Rig:
+    """The rig with a logger whose channels have these traits, noise as in the file."""
+    channels = [ChannelTraits(std, std)._replace(**fields) for std in RIG.file_noise_std.tolist()]
+    return replace(RIG, logger=Acquisition(*channels, Clock(0.0, None, 1.0 / 1600.0)))
+
+
+def test_filters_take_the_noise_of_the_file_where_the_logger_does_not_need_more() -> None:
+    usual = RIG.file_noise_std
+    np.testing.assert_array_equal(RIG.noise_std, usual)
+    for factor, taken in ((0.3, 1.0), (1.1, 1.0), (3.0, 3.0)):
+        channels = [ChannelTraits(factor * std, factor * std) for std in usual.tolist()]
+        rig = replace(RIG, logger=Acquisition(*channels, Clock(0.0, None, 1.0 / 1600.0)))
+        np.testing.assert_allclose(rig.noise_std, taken * usual)
+        np.testing.assert_array_equal(rig.file_noise_std, usual)
+
+
+def test_a_channel_that_is_not_there_has_the_noise_of_the_file() -> None:
+    rig = logged(as_white=np.nan, neighbour_std=np.nan)
+    np.testing.assert_array_equal(rig.noise_std, RIG.noise_std)
+    np.testing.assert_array_equal(rig.neighbour_std, RIG.noise_std)
+
+
+def test_neighbours_differ_by_no_more_than_the_file_says_and_by_something() -> None:
+    usual = RIG.file_noise_std
+    np.testing.assert_array_equal(RIG.neighbour_std, usual)
+    np.testing.assert_array_equal(logged(neighbour_std=1.0).neighbour_std, usual)
+    np.testing.assert_allclose(logged(neighbour_std=0.0).neighbour_std, 1e-3 * usual)
+
+
+def test_steps_and_repeats_are_zero_where_there_are_none() -> None:
+    for rig in (RIG, logged()):
+        np.testing.assert_array_equal(rig.step, 0.0)
+        np.testing.assert_array_equal(rig.repeats, 0.0)
+    np.testing.assert_array_equal(logged(resolution=1e-3, repeats=0.2).step, 1e-3)
+    np.testing.assert_array_equal(logged(resolution=1e-3, repeats=0.2).repeats, 0.2)

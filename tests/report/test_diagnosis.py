@@ -11,7 +11,7 @@ import pytest
 
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
-from observer_fi.records import Consistency, Outcome
+from observer_fi.records import ChannelTraits, Clock, Consistency, Line, Outcome
 from observer_fi.report import chart
 from observer_fi.report import diagnosis as report
 from observer_fi.report import diagnosis_figures as figures
@@ -63,6 +63,76 @@ def test_report_json_has_the_keys_of_the_contract_in_its_order(outcome: Outcome)
     assert result["verdict"]["label"] == outcome.isolation.verdict.label
     assert len(result["verdict"]["onset_interval_s"]) == 2
     assert len(result["explanation"]) > 20
+
+
+CHANNEL_KEYS = [
+    "noise_std",
+    "resolution",
+    "update_hz",
+    "lines_hz",
+    "line_amplitudes",
+    "correlation_s",
+    "spikes",
+    "averaged_samples",
+]
+
+
+def test_report_json_tells_what_the_logger_does(outcome: Outcome) -> None:
+    """In the contract's words, null where there is no such trait; an ideal logger hides nothing."""
+    told = json.loads(report.json_text(report.report_dict(outcome)))
+    acquisition = told["acquisition"]
+    assert list(acquisition) == ["voltage_v", "current_a", "position_m", "clock"]
+    for column in ("voltage_v", "current_a", "position_m"):
+        channel = acquisition[column]
+        assert sorted(channel) == sorted(CHANNEL_KEYS) and channel["noise_std"] > 0.0
+        assert channel["resolution"] is channel["update_hz"] is channel["correlation_s"] is None
+        assert channel["lines_hz"] == [] and channel["spikes"] == 0 and channel["averaged_samples"] == 1
+    assert acquisition["clock"] == {"jitter_s": 0.0, "resolution_s": None}
+    assert told["warnings"] == []
+
+
+def through_a_poor_logger(overload: Outcome) -> Outcome:
+    assert overload.acquisition is not None
+    voltage, current, position, _ = overload.acquisition
+    poor = overload.acquisition._replace(
+        voltage=ChannelTraits(math.nan, math.nan),
+        current=current._replace(lines=(Line(50.02, 2e-3),), correlation_s=20e-3, spikes=4),
+        position=position._replace(update_hz=100.0, resolution=1e-5, averaged=32),
+        clock=Clock(2.9e-4, 1e-3, 1.25e-3),
+    )
+    return replace(overload, acquisition=poor, warnings=("position_m is held, fresh 100 times a second",))
+
+
+def test_the_traits_of_a_poor_logger_stand_in_json_and_on_the_page(overload: Outcome) -> None:
+    outcome = through_a_poor_logger(overload)
+    files = report.files(outcome, RIG)
+    told = json.loads(files["report.json"])
+    assert list(told["acquisition"]) == [
+        "current_a",
+        "position_m",
+        "clock",
+    ]  # a channel that is not there has no traits
+    assert told["acquisition"]["current_a"]["lines_hz"] == [50.02]
+    assert told["acquisition"]["current_a"]["line_amplitudes"] == [2e-3]
+    assert told["acquisition"]["position_m"]["update_hz"] == 100.0
+    assert told["acquisition"]["clock"] == {"jitter_s": 2.9e-4, "resolution_s": 1e-3}
+    assert told["warnings"] == list(outcome.warnings)
+    text = visible_text(files["report.html"])
+    assert "what it does to its readings, measured from this log" in text
+    for words in (
+        "is held, fresh 100 times a second",
+        "50.02",
+        "0.020 s",
+        "0.00029 s",
+        "every sample",
+    ):
+        assert words in text, words
+
+
+def test_an_outcome_that_no_logger_was_measured_for_still_makes_a_page(overload: Outcome) -> None:
+    outcome = replace(overload, acquisition=None)
+    assert report.report_dict(outcome)["acquisition"] == {}
+    assert "measured from this log" not in visible_text(report.files(outcome, RIG)["report.html"])
 
 
 def test_nan_and_infinity_become_null() -> None:

@@ -303,6 +303,42 @@ def test_a_log_without_a_move_says_so() -> None:
     assert log_verdict([]) == found.verdict
 
 
+# --- the end of a move ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("before", ["nominal", "coupling_loss"])
+def test_a_winner_that_comes_up_as_a_move_ends_is_none(before: str) -> None:
+    """Seven samples, 4.4 ms: what a jolt of the brake does before the filters settle."""
+    parts = (rest(), Part(0.3), Part(0.4, before), Part(7 / RATE, "overload"), rest())
+    assert verdict(*parts).label == before
+    assert (
+        verdict(rest(), Part(0.3), Part(0.4, before), Part(20 / RATE, "overload"), rest()).label == "overload"
+    )
+
+
+def test_while_the_move_goes_on_the_winner_counts_at_once() -> None:
+    e = estimate(rest(), Part(0.7), Part(4 / RATE, "overload"))
+    assert isolated(e).verdict.label == "overload"
+    assert (
+        isolated(estimate(rest(), Part(4 / RATE, "overload"), rest())).verdict.label == "overload"
+    )  # there was none before
+
+
+def test_two_winners_that_come_up_as_a_move_ends_are_none() -> None:
+    parts = (Part(0.7), Part(4 / RATE, "overload"), Part(5 / RATE, "coupling_loss"))
+    assert verdict(rest(), *parts, rest()).label == "nominal"
+    assert verdict(rest(), *parts, Part(4 / RATE), rest()).label == "nominal"
+
+
+@given(samples=st.integers(1, 12), cuts=st.lists(st.integers(2, 1799), max_size=20))
+def test_chunks_make_no_difference_to_the_end_of_a_move(samples: int, cuts: list[int]) -> None:
+    e = estimate(rest(), Part(0.5), Part(samples / RATE, "overload"), rest(0.3))
+    last = round(0.7 * RATE)
+    every = [*range(last - 3, last + samples + 3), *cuts]
+    same(isolated(e), isolated(e, *sorted({k for k in every if k < e.t.size})))
+    assert isolated(e).verdict.label == ("nominal" if samples < isolate.SETTLING else "overload")
+
+
 # --- laws ----------------------------------------------------------------------------------------
 
 PARTS = st.builds(

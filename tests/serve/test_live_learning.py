@@ -1,0 +1,145 @@
+"""A stream learns its logger as it goes: at the first rest, and at the first start, with the verdict of the whole log."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hidden import draw_move_case, make_log_with
+
+from observer_fi.bank import compiled_bank as kernels
+from observer_fi.logs.ingest import log_from_frame
+from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
+from observer_fi.records import Event, Log
+from observer_fi.serve.live import REST_ROWS, START_S, Lesson, Live
+from observer_fi.settings import Settings
+from observer_fi.verdict import isolate
+from observer_fi.verdict.diagnosis import Diagnosis
+
+RIG, SETTINGS = load_rig(), Settings()
+BATCHES = (1, 7, 64, 1000)
+LABELS = ("nominal", "overload", "coupling_loss")
+
+
+def table_of(log: Log) -> np.ndarray:
+    return np.column_stack((log.t, log.z, log.pitch, log.w_cmd))
+
+
+@cache
+def through(name: str, label: str, seed: int) -> Log:
+    return log_from_frame(make_log_with(name, draw_move_case(seed, label), seed)[0])
+
+
+def streamed(log: Log, batch: int = 64) -> tuple[Live, list[tuple[float, str]]]:
+    """A stream at its end, and the changes of verdict it told."""
+    live, table, told = Live(RIG, SETTINGS), table_of(log), []
+    for k in range(0, len(table), batch):
+        for _, changes in live.add(table[k : k + batch]):
+            told += [(change.time_s, change.event.label) for change in changes]
+    for _, changes in live.finish():
+        told += [(change.time_s, change.event.label) for change in changes]
+    return live, told
+
+
+def of_the_bank(log: Log) -> Event:
+    """The verdict of the bank on a whole log, before the last word on its move."""
+    run = Diagnosis(RIG, SETTINGS)
+    run.add(log)
+    return run.isolator.result().verdict
+
+
+def what(event: Event) -> tuple[str, str | None]:
+    return event.label, event.channel
+
+
+THROUGH = (
+    "noise_3",
+    "steps_all",
+    "position_100hz",
+    "hum_50hz",
+    "voltage_late",
+    "offsets",
+    "position_averaged",
+    "wandering",
+)
+
+
+@pytest.mark.parametrize("label", LABELS)
+@pytest.mark.parametrize("name", THROUGH)
+def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) -> None:
+    log = through(name, label, 7610)
+    assert what(streamed(log)[0].verdict()) == what(of_the_bank(log))
+
+
+@pytest.mark.parametrize("name", ["ideal", "position_100hz", "voltage_late+offsets", "hum_50hz"])
+def test_the_size_of_batches_does_not_matter(name: str) -> None:
+    log = through(name, "coupling_loss", 7611)
+    ends = [streamed(log, batch) for batch in BATCHES]
+    assert len({what(live.verdict()) for live, _ in ends}) == 1
+    assert len({live.samples for live, _ in ends}) == 1 and ends[0][0].samples == log.t.size
+    first = ends[0][1]
+    assert all(told == first for _, told in ends[1:])
+    assert all(live.as_logged.late == ends[0][0].as_logged.late for live, _ in ends if live.as_logged)
+
+
+@pytest.mark.parametrize("kind", ["none", "coupling_loss"])
+def test_an_ideal_stream_is_what_it_was(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit the bank of the rig file, made once."""
+    fault = Fault() if kind == "none" else Fault(kind, 1.4)
+    log = synthesise(
+        Scenario((Move(0.2, 410.0, 0.6), Move(1.1, -300.0, 0.6)), 2.0, fault=fault, seed=3), RIG
+    )[0]
+    made = []
+    make = Live._make_bank
+    monkeypatch.setattr(Live, "_make_bank", lambda self, *given: made.append(1) or make(self, *given))
+    live = Live(RIG, SETTINGS)
+    found = np.concatenate([e.probability.copy() for e, _ in live.add(table_of(log))])
+    whole = isolate.tested(kernels.Bank(RIG, SETTINGS.bank).advance(log), SETTINGS.decision)
+    np.testing.assert_allclose(found, whole.probability, rtol=0.0, atol=1e-11)  # as `test_watch.py`
+    assert len(made) == 1 and live.as_logged is None and live.lesson is None
+
+
+def test_what_a_move_said_before_the_start_was_known_is_not_counted_twice() -> None:
+    live, _ = streamed(through("voltage_late", "overload", 7612))
+    assert (live.moves, live.samples) == (1, through("voltage_late", "overload", 7612).t.size)
+
+
+# --- lessons -------------------------------------------------------------------------------------
+
+
+def rows(n: int, moving_from: int, first: int = 0) -> np.ndarray:
+    k = np.arange(first, first + n)
+    table = np.zeros((n, 6))
+    table[:, 0] = k / 1600.0
+    table[:, 5] = np.where(k >= moving_from, 100.0, 0.0)
+    return table
+
+
+def test_a_rest_is_learned_up_to_its_move_and_then_the_start() -> None:
+    lesson = Lesson()
+    assert lesson.take(rows(300, 500)) == 300 and not lesson.complete
+    assert lesson.take(rows(400, 500, 300)) == 200 and lesson.complete
+    assert len(lesson.table) == 500 and not lesson.table[:, 5].any()
+    start = lesson.next_one()
+    assert start is not None and start.until == pytest.approx(499 / 1600.0 + START_S)
+    assert start.take(rows(2000, 0, 500)) == round(START_S * 1600) and start.complete
+    assert start.next_one() is None
+
+
+def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
+    lesson = Lesson()
+    for k in range(10):
+        lesson.take(rows(1000, 10**6, 1000 * k))
+    assert len(lesson.table) == REST_ROWS and lesson.table[-1, 0] == pytest.approx(9999 / 1600.0)
+    short = Lesson()
+    short.take(rows(200, 50))
+    assert short.complete and short.learned(RIG, SETTINGS.bank) is None and short.next_one() is None
+
+
+def test_a_stream_that_begins_in_motion_learns_nothing_and_goes_on() -> None:
+    log = through("ideal", "overload", 7610)
+    moving = int(np.flatnonzero(log.w_cmd)[0]) + 300
+    live = Live(RIG, SETTINGS)
+    for _ in live.add(table_of(log)[moving:]):
+        pass
+    assert live.lesson is None and live.as_logged is None and live.samples == log.t.size - moving
