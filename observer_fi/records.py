@@ -93,7 +93,7 @@ class ChannelTraits(NamedTuple):
     None where there is none; spikes: how many there are; averaged: samples of which a reading is the mean; offset: mean
     reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
     repeats: share of readings at rest that repeat the one before, though no hold is known; grown: by what the noise of
-    the last rest is more than that of the first.
+    the last rest is more than that of the first; travel: largest less smallest reading of the log.
     """
 
     noise_std: float
@@ -108,6 +108,7 @@ class ChannelTraits(NamedTuple):
     neighbour_std: float = math.nan
     repeats: float = 0.0
     grown: float = 1.0
+    travel: float = math.inf
 
 
 class Clock(NamedTuple):

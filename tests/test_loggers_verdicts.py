@@ -78,9 +78,6 @@ def test_every_logger_and_several_at_once() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="a range that is switched is a noisier sensor; what a hold or step hides is a fault with 0.97 and more"
-)
 def test_what_a_logger_hides_is_no_certainty() -> None:
     misled = [answer.words for name in MISLEADING for answer in answers(name) if answer.misled]
     assert not misled, misled

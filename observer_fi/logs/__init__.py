@@ -19,7 +19,7 @@ from observer_fi.logs.moves import (
     settling_time,
 )
 from observer_fi.logs.plain_lines import numbers
-from observer_fi.logs.readings import Readings, even
+from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
 from observer_fi.logs.units import suspect_units
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "ColumnMap",
     "Excitation",
     "FEWEST_AT_REST",
+    "FEWEST_STEPS",
     "PLAIN",
     "Parser",
     "Phase",

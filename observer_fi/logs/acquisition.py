@@ -21,7 +21,7 @@ SETTLED_S = 0.3  # after a stop, until a rest is one
 SPIKE = 6.0  # standard deviations, at rest
 # By which a spike is off its neighbours: standard deviations, and times their distance from each other.
 FAR, ALONE = 8.0, 4.0
-UNMOVED = 160  # samples on either side of a spike in which the command stands still
+UNMOVED = 80  # samples on either side of a spike in which the command stands still
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
 SWITCHED = (1.5, 8.0)  # by what noise grows in another range
 SAME_KIND = 0.3  # relative: noise of the same colour
@@ -30,6 +30,7 @@ COARSE = 0.3  # of the noise: steps from here on are told
 MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
 HELD = 0.3  # share of repeated readings from which a channel may be held
 SAME_PACE = 0.15  # relative: as often as steps of the reading at its speed
+IN_TURN = 0.8  # of a period: changes that come sooner after another are none of ticks
 OUT_OF_TURN = 0.02  # share of changes that may come sooner than a tick after another
 TICKS = 12  # changes that tell an update rate
 STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
@@ -96,6 +97,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     traits = traits._replace(
         update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise)
     )
+    traits = traits._replace(travel=float(np.nanmax(z) - np.nanmin(z)) if (w_cmd != 0.0).any() else math.inf)
     if not rests:
         return traits
     first = z[rests[0]]
@@ -146,8 +148,10 @@ LINE_WEIGHT = 1.0
 def spikes_of(z: Array, w_cmd: Array, noise: float) -> int:
     """Readings far from both neighbours, which are near each other, while the command stands still. noise: of readings."""
     off, apart = z[1:-1] - 0.5 * (z[2:] + z[:-2]), np.abs(z[2:] - z[:-2])
-    still = np.convolve(np.append(0.0, np.abs(np.diff(w_cmd))), np.ones(2 * UNMOVED), "same")[1:-1] == 0.0
-    return int(np.count_nonzero((np.abs(off) > FAR * noise) & (np.abs(off) > ALONE * apart) & still))
+    far = np.flatnonzero((np.abs(off) > FAR * noise) & (np.abs(off) > ALONE * apart)) + 1
+    moved = np.flatnonzero(np.diff(w_cmd) != 0.0)
+    unmoved = np.searchsorted(moved, far - UNMOVED) == np.searchsorted(moved, far + UNMOVED)
+    return int(np.count_nonzero(unmoved))
 
 
 def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:
@@ -181,7 +185,7 @@ def _grown(pieces: list[tuple[Array, Array]]) -> float:
     A drift, a stuck sensor or a burst of noise many times the usual is no range that was switched.
     """
     (_, first), (_, last) = pieces[0], pieces[-1]
-    if min(first.size, last.size) < FEWEST or not first.std():
+    if min(first.size, last.size) < FEWEST or not np.diff(first).any() or not np.diff(last).any():
         return 1.0
     neighbours, all_of_it = (
         _between_neighbours([last]) / _between_neighbours([first]),
@@ -226,10 +230,13 @@ def update_samples(row: NDArray[np.int64], z: Array, w_cmd: Array) -> float | No
     if same.mean() < HELD or at.size < TICKS:
         return None
     period = _period(row[at], int(row[-1]) + 1)
-    if period is None or _of_steps(z, w_cmd, period):
+    if period is None:
         return None
     steady = np.append(False, np.diff(w_cmd) == 0.0) & (w_cmd != 0.0)
-    groups = [g for g in (at[steady[at]], at[~steady[at]]) if g.size >= TICKS // 2]
+    elsewhere = at[~steady[at]]
+    if elsewhere.size < TICKS // 2 and _of_steps(z, w_cmd, period):
+        return None
+    groups = [g for g in (at[steady[at]], elsewhere) if g.size >= TICKS // 2]
     return period if all(_regular(row[g], period) > 0.8 * np.sinc(1.0 / period) for g in groups) else None
 
 
@@ -260,7 +267,7 @@ def _period(at: NDArray[np.int64], n: int) -> float | None:
     around = marks.size / np.linspace(k - 1.0, k + 1.0, 81)
     period = float(max(around, key=lambda period: _regular(at, period)))
     if (
-        np.mean(np.diff(at) < period - 1.5) > OUT_OF_TURN
+        np.mean(np.diff(at) < IN_TURN * period) > OUT_OF_TURN
     ):  # many steps at once, none of them at a tick of its own
         return None
     return float(np.polyfit(np.round((at - at[0]) / period), at, 1)[0])

@@ -2,7 +2,8 @@
 
 Filters take the noise of their readings for white. A held reading is fresh at its ticks only; one that stands within a step
 much larger than its noise says nothing new, but for that it has not moved, and so counts at samples 1, 4, 16, 64, ... of its
-run. Where a sensor ought to have ticked and did not, the repeat counts: it may be frozen.
+run. Where a sensor ought to have ticked and did not, the repeat counts: it may be frozen. A channel that covers
+a few steps only, or none, is not taken at all.
 """
 
 import math
@@ -15,6 +16,7 @@ from observer_fi.logs.acquisition import STANDING
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
 FEWEST = 100  # time stamps that tell an even clock
+FEWEST_STEPS = 6.0  # that a channel in steps must cover in a log, to tell anything
 AGES = np.append(0, 4 ** np.arange(31))  # ticks that a reading has stood for when it counts again
 
 
@@ -28,6 +30,7 @@ class Readings:
             c.resolution is not None and c.resolution > STANDING * max(c.noise_std, usual)
             for c, usual in zip(channels, noise_std.tolist(), strict=True)
         ]
+        self.dark = [c.travel == 0.0 or c.travel < FEWEST_STEPS * (c.resolution or 0.0) for c in channels]
         self.rate_hz = rate_hz
         self.last = np.full(
             3, np.nan
@@ -38,7 +41,7 @@ class Readings:
     @property
     def plain(self) -> bool:
         """Whether every reading counts as it is."""
-        return not any(self.stands) and all(every == 1 for every in self.every)
+        return not any(self.stands) and not any(self.dark) and all(every == 1 for every in self.every)
 
     def take(self, log: Log) -> Log:
         """The next chunk with NaN for readings that say nothing new."""
@@ -46,7 +49,9 @@ class Readings:
             return log
         z = log.z.copy()
         for c in range(3):
-            if self.stands[c] or self.every[c] > 1:
+            if self.dark[c]:
+                z[:, c] = np.nan
+            elif self.stands[c] or self.every[c] > 1:
                 z[~self._fresh(c, log.t, log.z[:, c]), c] = np.nan
         return replace(log, z=z)
 

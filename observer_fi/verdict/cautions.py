@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from observer_fi.logs import FEWEST_STEPS
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.as_logged import AsLogged
@@ -56,12 +57,23 @@ def _of_the_model(isolation: Isolation) -> Iterator[str]:
 
 def _of_readings(part: Part, rate_hz: float) -> Iterator[str]:
     traits = part.traits
+    if traits.travel == 0.0:
+        yield (
+            f"{part.column} is the same from the first sample to the last: dead, not connected or in too coarse steps; left out, "
+            "so that nothing can be told that shows in it only"
+        )
     if traits.update_hz:
         yield (
             f"{part.column} is held, fresh {traits.update_hz:.4g} times a second: what a fault does to it shows up to "
             f"{1e3 / traits.update_hz:.3g} ms late; log it at {rate_hz:.4g} Hz"
         )
-    if traits.resolution and traits.resolution > COARSE * max(traits.noise_std, part.usual):
+    if traits.resolution and traits.travel < FEWEST_STEPS * traits.resolution:
+        yield (
+            f"{part.column} comes in steps of {traits.resolution:.3g} {part.unit} and covers "
+            f"{traits.travel / traits.resolution:.0f} of them: left out, so that nothing can be told that shows in it only; "
+            "choose a finer range or more digits"
+        )
+    elif traits.resolution and traits.resolution > COARSE * max(traits.noise_std, part.usual):
         yield (
             f"{part.column} comes in steps of {traits.resolution:.3g} {part.unit}, more than its noise: what is smaller shows "
             "only once it has added up; choose a finer range or more digits"

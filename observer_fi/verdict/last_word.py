@@ -13,7 +13,7 @@ import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
-from observer_fi.records import Event, Severity
+from observer_fi.records import CHANNELS, Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, window_of
@@ -155,7 +155,8 @@ class LastWord:
             return []
         if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
             return []
-        return [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
+        stories = [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
+        return [story for story in stories if _measured(story, whole)]
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
@@ -332,6 +333,12 @@ def _special(path: Path, own: OwnState, value: float) -> float:
     prior = own.std or 1.0
     after = -0.5 * ((value - mean) / std) ** 2 - math.log(std)
     return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
+
+
+def _measured(story: Story, whole: WholeMove) -> bool:
+    """Whether the channel that has failed, if one has, is there at all."""
+    channel = channel_of(story.mode)
+    return channel is None or bool(np.isfinite(whole.window.z[:, CHANNELS.index(channel)]).any())
 
 
 def _worth(story: Story) -> float:

@@ -107,7 +107,7 @@ def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
     best = _finer(gain, best, "common", 0.25)
     best = _finer(gain, best, "r", 0.05)
     better = gain(best) - gain(nothing) > NOTICED_NATS and best.electrical >= LEAST
-    return best if better and gain.misfit(best) < FITS else nothing
+    return best if better and gain.explains(best) else nothing
 
 
 def _position(gain: "_Gains", best: Lateness) -> Lateness:
@@ -118,7 +118,7 @@ def _position(gain: "_Gains", best: Lateness) -> Lateness:
     later = _best(gain, best, "position", OF_POSITION)
     later = _finer(gain, later, "position", 0.5 * _parts(later)["position"])
     better = gain(later) - gain(best) > NOTICED_OF_POSITION
-    return later if better and gain.misfit(later) < FITS else best
+    return later if better and gain.explains(later) else best
 
 
 def _start(log: Log) -> Log | None:
@@ -138,9 +138,16 @@ class _Gains:
         self.log, self.rig, self.settings = log, rig, settings
         self.interval = float(np.median(np.diff(log.t)))
         self.known: dict[Lateness, tuple[float, float]] = {}
+        self.of_a_fault = -np.inf
+        self._of(Lateness())
 
     def __call__(self, late: Lateness) -> float:
         return self._of(late)[0] - self._of(Lateness())[0]
+
+    def explains(self, late: Lateness) -> bool:
+        """Whether nominal with these delays fits, and better than any fault without them."""
+        nats, misfit = self._of(late)
+        return misfit < FITS and nats > self.of_a_fault
 
     def misfit(self, late: Lateness) -> float:
         """NIS of nominal in motion with these delays, over its expectation."""
@@ -160,8 +167,10 @@ class _Gains:
         rest = ~moving
         rest[:8] = False
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        nats = float(e.density[moving, 0].sum() - e.density[rest, 0].mean() * moving.sum())
-        return nats, float(np.nanmean(nis))
+        nats = e.density[moving].sum(axis=0) - e.density[rest, 0].mean() * moving.sum()
+        if not self.known:  # as the readings are
+            self.of_a_fault = float(nats[1:].max())
+        return float(nats[0]), float(np.nanmean(nis))
 
 
 def _shifted(r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:

@@ -210,7 +210,6 @@ def test_coarse_steps_are_no_hold(sigmas: float) -> None:
         assert read(z, 2).update_hz is None
 
 
-@pytest.mark.xfail(reason="a rest without changes does not count against a hold")
 def test_nor_are_steps_that_come_regularly_at_constant_speed() -> None:
     """0.9 mm/s in steps of 0.3 mm: three a second, and none at rest, where a hold would still tick."""
     for seed in range(5):
@@ -288,7 +287,7 @@ def test_a_mean_of_samples_is_known_as_one() -> None:
 
 def test_spikes_at_rest_are_counted_and_left_out() -> None:
     log = signal(11)
-    at = np.flatnonzero(log.t < 0.69)[40::150]
+    at = np.flatnonzero(log.t < 0.64)[40::150]
     log.z[at, 0] += 50.0 * SIGMA[0]
     found = traits_of(log).voltage
     assert found.spikes == at.size and found.noise_std == pytest.approx(SIGMA[0], rel=0.1)
@@ -325,9 +324,6 @@ def test_a_gap_now_and_then_is_neither_jitter_nor_rounding() -> None:
         assert found.interval_s == pytest.approx(1.0 / RATE)
 
 
-@pytest.mark.xfail(
-    reason="from 2 % of missing rows on their gaps are taken for jitter of a clock of whole samples"
-)
 def test_nor_are_three_missing_rows_in_a_hundred() -> None:
     for seed in range(10):
         found = clock_of(without(0.03, seed))
