@@ -30,6 +30,7 @@ from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
+from observer_fi.verdict.drift import raised_friction
 from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
@@ -211,8 +212,13 @@ class Diagnosis:
     def _ask_moves(self, events: Iterable[Event]) -> None:
         """The last word on moves that have ended, while their samples are at hand."""
         for event in events:
-            if event.start_s not in self.told and self.last_word.needed(event):
-                self.told[event.start_s] = self.last_word.on(event, self.memory)
+            if event.start_s in self.told:
+                continue
+            asked = self.last_word.needed(event)
+            told = self.last_word.on(event, self.memory) if asked else event
+            told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
+            if asked or told is not event:
+                self.told[event.start_s] = told
 
     def _look_for_onsets(self, tracker: EventTracker) -> None:
         """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""

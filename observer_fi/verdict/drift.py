@@ -7,11 +7,14 @@ exponentially weighted mean (Roberts 1959) costs nothing in memory and says when
 import numpy as np
 from scipy.signal import lfilter
 
-from observer_fi.records import Array
+from observer_fi.bank import Bank
+from observer_fi.physics import FAULTS, NOMINAL
+from observer_fi.records import Array, Event, Severity
 
 TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
 # Standard deviations of such a mean. Healthy moves over nine kinds of command reach 5.3; a false one costs a look at the move.
 LIMIT = 6.0
+SURE, Z95 = 0.95, 1.959964
 CHANNELS = slice(
     1, 3
 )  # current and position: a voltage also follows inertias that a rig file has slightly wrong
@@ -53,3 +56,37 @@ def largest_means(normalised: Array, interval: float) -> Array:
         mean = lfilter([weight], [1.0, weight - 1.0], z, axis=0)
         largest = np.maximum(largest, np.abs(mean).max(axis=1) / np.sqrt(weight / (2.0 - weight)))
     return largest
+
+
+def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
+    """A move that began with a friction as no rig of the rig file has, which nominal took up: jammed from its first sample on.
+
+    strain_limit: standard deviations of the spread from rig to rig that are believable.
+    """
+    nominal, spread = bank.hypotheses[0], bank.rig.spread("A")
+    if (
+        event.label != NOMINAL
+        or "A" not in nominal.states
+        or not spread
+        or event.end_s < bank.snapshots[0][0]
+    ):
+        return event
+    known = [state for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
+    if not known:
+        return event
+    k = nominal.states.index("A")
+    factor, std = float(known[0].x[k]), float(np.sqrt(max(known[0].P[k, k], 0.0)))
+    if factor - 1.0 < strain_limit * spread or std > spread:
+        return event
+    rise, half = factor - 1.0, Z95 * float(np.hypot(std, factor * spread))
+    own = next(own for own in FAULTS["jam"].sizes if own.of_friction)
+    posterior = {
+        label: SURE if label == "jam" else (1.0 - SURE) / (len(event.posterior) - 1)
+        for label in event.posterior
+    }
+    return event._replace(
+        label="jam", probability=SURE, posterior=posterior, onset_s=event.start_s, detected_s=event.start_s,
+        onset_interval_s=(event.start_s, event.start_s), alike=(NOMINAL,),
+        severity=(Severity(own.tells or "friction_rise", rise, (rise - half, rise + half), "1", own.words.format(rise)),),
+        reasons=(f"friction is {factor:.2f} times that of the rig file from the first sample on: jammed before, or another rig",),
+    )  # fmt: skip

@@ -77,14 +77,18 @@ class LastWord:
         stories = list(self._of_sensor_or_nut(stories, whole, bank, event))
         if stories:
             return self._told(event, sorted(stories, key=lambda s: -_worth(s)), whole)
-        nothing = not any(self._counts(path, whole, event) for path in paths)
-        if (
-            event.label not in (NOMINAL, UNKNOWN)
-            and nothing
-            and float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
-        ):
-            return _healthy(event)
-        return event
+        counted = [path for path in paths if self._counts(path, whole, event)]
+        if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
+            return _unexplained(event, counted[0], whole)
+        fits = float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
+        return _healthy(event) if event.label not in (NOMINAL, UNKNOWN) and not counted and fits else event
+
+    def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
+        """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""
+        last = whole.n if path.end is None else path.end
+        elsewhere = np.concatenate((whole.nis[: path.begin], whole.nis[last:]))
+        clean = elsewhere.size > 0 and float(elsewhere.mean()) <= FITS * whole.expected(whole.nominal)
+        return clean and path.gain >= FAR * self.settings.move_nats
 
     def _of_sensor_or_nut(
         self, stories: Sequence[Story], whole: WholeMove, bank: Bank, event: Event
@@ -307,6 +311,18 @@ def _healthy(event: Event) -> Event:
     return event._replace(
         label=NOMINAL, channel=None, probability=1.0, posterior={k: float(k == NOMINAL) for k in event.posterior},
         onset_s=None, onset_interval_s=(None, None), detected_s=None, isolated_s=None, reasons=(),
+    )  # fmt: skip
+
+
+def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
+    """The event where something came that none of the hypotheses explains."""
+    t, sure = whole.window.t, 0.95
+    others = (1.0 - sure) / (len(event.posterior) - 1)
+    return event._replace(
+        label=UNKNOWN, channel=None, probability=sure, posterior={k: sure if k == UNKNOWN else others for k in event.posterior},
+        onset_s=float(t[max(path.begin - 1, 0)]), onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])),
+        over_s=None if path.end is None else float(t[path.end]), detected_s=event.doubted_s, isolated_s=None,
+        reasons=("something happened in the move that no hypothesis explains",),
     )  # fmt: skip
 
 
