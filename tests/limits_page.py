@@ -112,7 +112,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
         (
             "what tells a logger's traits",
             f"the first {acquisition.LONGEST:,} samples; a rest of {acquisition.FEWEST} or more",
-            "the rig file's noise; a range that is switched later is not seen, and may be told as a sensor fault",
+            "the rig file's noise; a range that is switched after that is not seen, and may be told as a sensor fault",
         ),
         (
             "rate of held readings",

@@ -135,7 +135,6 @@ class Diagnosis:
         self.onsets: dict[tuple[float, int], Any] = {}
         self.told: dict[float, Event] = {}  # what whole moves said, by their start
         self.overview, self.zoom = sketch.Overview(), Zoom()
-        self.baseline = Baseline(rig, settings)
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
         self.path = ""
         self.suspects: tuple[str, ...] | None = None
@@ -151,25 +150,28 @@ class Diagnosis:
         )
         self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
         self.last_word = LastWord(rig, self.filters, settings.decision)
+        self.baseline = Baseline(rig, settings)
 
     def add_all(self, logs: Iterable[Log]) -> None:
         """Take chunks in order; while one is judged, the bank is at the next one on a thread of its own."""
         with ThreadPoolExecutor(1) as thread:
-            before: tuple[Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
-            for given in logs:
-                log = self._taken(commanded(given, self.rig))
-                ahead = log, thread.submit(self._advanced, log)
+            before: tuple[Log, Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
+            for log in logs:
+                given = commanded(log, self.rig)
+                taken = self._taken(given)
+                ahead = given, taken, thread.submit(self._advanced, taken)
                 if before is not None:
-                    self._judge(before[0], *before[1].result())
+                    self._judge(*before[:2], *before[2].result())
                 before = ahead
             if before is not None:
-                self._judge(before[0], *before[1].result())
+                self._judge(*before[:2], *before[2].result())
 
     def add(self, log: Log) -> Estimate:
         """Take the next chunk; the bank's estimate of it."""
-        log = self._taken(commanded(log, self.rig))
-        estimate, memory = self._advanced(log)
-        self._judge(log, estimate, memory)
+        given = commanded(log, self.rig)
+        taken = self._taken(given)
+        estimate, memory = self._advanced(taken)
+        self._judge(given, taken, estimate, memory)
         return estimate
 
     def _advanced(self, log: Log) -> tuple[Estimate, kernels.Bank]:
@@ -189,13 +191,14 @@ class Diagnosis:
                 self._make_banks()
         return self.as_logged.take(log)
 
-    def _judge(self, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
+    def _judge(self, given: Log, log: Log, estimate: Estimate, memory: kernels.Bank) -> None:
+        """Make of an estimate what there is to say. given: what is drawn, log: as filters took it."""
         self.path, self.memory = log.path, memory
         if not self.samples:
             self.first, self.rate = float(log.t[0]), log.rate_hz
         self.samples, self.last = self.samples + log.t.size, float(log.t[-1])
         if self.suspects is None and log.w_cmd.any():
-            self.suspects = suspect_units(log, log_segments(log), self.rig.model)
+            self.suspects = suspect_units(given, log_segments(given), self.rig.model)
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         self.testable.add(log, estimate)
@@ -203,8 +206,8 @@ class Diagnosis:
             self._look_for_onsets(tracker)
         self._ask_moves(self.isolator.events)
         judged = tested(estimate, self.settings.decision)
-        rows_of = partial(sketch.rows, log, judged, self.rig)
-        self.overview.add(log.z, rows_of)
+        rows_of = partial(sketch.rows, log, judged, self.logged, given.z)
+        self.overview.add(given.z, rows_of)
         self.zoom.add(log.t, rows_of, self._point_of_interest(estimate))
         detected = self.detected_at if self.detected_at is not None else self._first_detection()
         self.baseline.add(log, estimate, detected)

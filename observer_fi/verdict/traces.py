@@ -12,12 +12,18 @@ from observer_fi.records import Array, Estimate, Log, Traces
 BUCKETS = 600  # at most twice as many are held; each keeps up to six rows: the extremes of the three channels
 
 
-def rows(log: Log, e: Estimate, rig: Rig, which: NDArray[np.int64] | slice = slice(None)) -> Array:
-    """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations."""
-    p, z, predicted = rig.model.vector, log.z[which], e.predicted[which]
+def rows(
+    log: Log, e: Estimate, rig: Rig, drawn: Array, which: NDArray[np.int64] | slice = slice(None)
+) -> Array:
+    """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations.
+
+    drawn: (n, 3) all readings, of which the filters took those of `log`.
+    """
+    p, z, predicted = rig.model.vector, drawn[which], e.predicted[which]
     n, m, _ = predicted.shape
     norm = residuals.residual_norm(
-        residuals.residual_vector(predicted, z[:, None, :], p), residuals.sensor_std(rig.noise_std, p)
+        residuals.residual_vector(predicted, log.z[which][:, None, :], p),
+        residuals.sensor_std(rig.noise_std, p),
     )
     return np.column_stack(
         (

@@ -76,7 +76,7 @@ def test_rows_and_traces_are_each_others_inverse() -> None:
     rig = load_rig()
     e = Bank(rig, BankSettings()).advance(log)
     m = len(e.modes)
-    traces = unpacked(rows(log, e, rig), m)
+    traces = unpacked(rows(log, e, rig, log.z), m)
     for name, value in (("t", log.t), ("z", log.z), ("w_cmd", log.w_cmd), ("pitch", log.pitch), ("probability", e.probability),
                         ("predicted", e.predicted), ("normalised", e.normalised)):  # fmt: skip
         np.testing.assert_array_equal(getattr(traces, name), value)
