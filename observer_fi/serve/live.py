@@ -184,7 +184,9 @@ class Live:
                 continue
             known = self.lesson.learned(self.rig, self.all_settings.bank)
             if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
-                yield self._again(known, self.lesson.table)
+                e, changes = self._again(known, self.lesson.table)
+                told = [change._replace(samples=self.samples) for change in changes]
+                yield rows_of(e, e.t.size, e.t.size), told  # the samples themselves were told before
             self.lesson = self.lesson.next_one()
         if len(table):
             yield from self._batches(table, judge)

@@ -111,7 +111,7 @@ def test_both_engines_agree_on_what_a_logger_leaves(name: str, kind: str) -> Non
     spec = case(4, "coupling_loss")
     log = log_from_frame(make_log_with(name, spec, 4)[0])
     known = AsLogged(log, RIG, SETTINGS)
-    assert known.rig is not RIG
+    assert known.rig is not RIG or not known.readings.plain
     at = onset(4, "coupling_loss")
     log = cut(known.take(log), at - 0.04, at + 0.12)
     ours = FilterpyBank(known.rig, known.settings, filter_kind=kind).advance(log)

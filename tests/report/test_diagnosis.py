@@ -67,6 +67,7 @@ def test_report_json_has_the_keys_of_the_contract_in_its_order(outcome: Outcome)
 
 CHANNEL_KEYS = [
     "noise_std",
+    "as_white",
     "resolution",
     "update_hz",
     "lines_hz",
