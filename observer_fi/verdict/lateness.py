@@ -17,7 +17,7 @@ from observer_fi.physics import Rig, with_values
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
 
-BEFORE_S, AFTER_S = 0.12, 0.25  # of the start of a move
+BEFORE_S, AFTER_S, STEADY_S = 0.12, 0.25, 0.08  # of the start of a move, and its last part, without a ring
 FEWEST = 60  # samples in motion there
 NOTICED_NATS = 40.0  # that a delay must be worth
 LEAST = 0.08  # of a sample
@@ -159,15 +159,20 @@ class _Gains:
         return self.known[late]
 
     def _tried(self, late: Lateness) -> tuple[float, float]:
-        """Log-likelihood of the motion, less that of as much rest: what mixing of samples makes of the noise is no gain."""
+        """Log-likelihood of the start, less that of as many calm samples: what mixing of samples makes of the noise is no gain.
+
+        Calm are those at rest, and those of steady motion, where noise may be more.
+        """
         rig = set_right(self.rig, late, self.interval)
         log = SetBack(late).take(self.log)
         e = Bank(rig, self.settings).advance(log)
         moving = np.cumsum(log.w_cmd != 0.0) > 0
         rest = ~moving
         rest[:8] = False
+        steady = self.log.t > self.log.t[-1] - STEADY_S
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        nats = e.density[moving].sum(axis=0) - e.density[rest, 0].mean() * moving.sum()
+        calm = max(e.density[rest, 0].mean(), e.density[steady, 0].mean())
+        nats = e.density[moving].sum(axis=0) - calm * moving.sum()
         if not self.known:  # as the readings are
             self.of_a_fault = float(nats[1:].max())
         return float(nats[0]), float(np.nanmean(nis))
