@@ -89,7 +89,9 @@ def test_both_engines_say_the_same(seed: int, label: str, rate_hz: float, kind: 
         )
 
 
-@pytest.mark.parametrize(("kind", "seconds"), [("ekf", 3.4), ("ukf", 0.5)])
+@pytest.mark.parametrize(
+    ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", SAMPLES)
 def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: float) -> None:
     log = read_log(DATA / f"{name}.csv.gz")
@@ -102,9 +104,23 @@ def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: fl
         assert best == SAMPLES[name]["label"]
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+SLOW_ENGINES = (
+    ("position_100hz", "ekf"),
+    ("position_averaged", "ekf"),
+    ("hum_50hz", "ekf"),
+    ("steps_3_all", "ukf"),
+    ("voltage_late", "ukf"),
+)
+
+
 @pytest.mark.parametrize(
-    "name", ["steps_3_all", "position_100hz", "position_averaged", "hum_50hz", "voltage_late"]
+    ("name", "kind"),
+    [
+        ("steps_3_all", "ekf"),
+        ("voltage_late", "ekf"),
+        ("position_100hz", "ukf"),
+        *(pytest.param(name, kind, marks=pytest.mark.slow) for name, kind in SLOW_ENGINES),
+    ],
 )
 def test_both_engines_agree_on_what_a_logger_leaves(name: str, kind: str) -> None:
     """Readings left out, steps, a rig with the logger's noise and delays; around the onset of a lost coupling."""
