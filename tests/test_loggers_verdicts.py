@@ -1,5 +1,6 @@
 """A verdict depends on the actuator, not on the logger: moves with known faults through loggers as they are."""
 
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -58,6 +59,17 @@ def said(name: str, label: str, seed: int) -> Said:
 def test_the_verdict_through_a_logger_is_right(name: str) -> None:
     answer = said(name, QUICK[name], FIRST)
     assert answer.right, answer.words
+
+
+@pytest.mark.parametrize("name", ["steps_3_all", "twelve_bits"])
+def test_a_mass_that_never_moves_is_no_coarse_sensor(name: str) -> None:
+    """Lost before the first step of the position: few of its steps are seen, for the mass stands."""
+    for seed in (FIRST, FIRST + 1):
+        spec = draw_move_case(seed, "coupling_loss")
+        early = replace(spec, fault=replace(spec.fault, onset_s=spec.profile.moves[0].start_s + 0.01))
+        frame, _ = make_log_with(name, early, seed)
+        outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
+        assert outcome.isolation is not None and outcome.isolation.verdict.label == "coupling_loss"
 
 
 def answers(name: str) -> list[Said]:

@@ -267,7 +267,7 @@ def _period(at: NDArray[np.int64], n: int) -> float | None:
     around = marks.size / np.linspace(k - 1.0, k + 1.0, 81)
     period = float(max(around, key=lambda period: _regular(at, period)))
     if (
-        np.mean(np.diff(at) < IN_TURN * period) > OUT_OF_TURN
+        np.mean(np.diff(at) < IN_TURN * period - 1.0) > OUT_OF_TURN
     ):  # many steps at once, none of them at a tick of its own
         return None
     return float(np.polyfit(np.round((at - at[0]) / period), at, 1)[0])

@@ -30,7 +30,7 @@ class AsLogged:
     """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
-        self.acquisition = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
+        self.acquisition = _commanded(_of(acquisition_of(log, rig.file_noise_std), rig.logger), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         bank = for_readings(settings, rig, log.z)
@@ -85,6 +85,17 @@ def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:
         old if math.isnan(new.neighbour_std) and math.isfinite(old.noise_std) else new for new, old in pairs
     )
     return Acquisition(voltage, current, position, measured.clock)
+
+
+def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:
+    """The acquisition with a position's travel that is at least the commanded one: a mass that stands is no coarse sensor.
+
+    One that is the same from the first sample to the last stays so: a sensor that works has noise.
+    """
+    moved = np.cumsum(np.nan_to_num(log.w_cmd[1:]) * np.diff(log.t)) * rig.model["D"]
+    if not moved.size or a.position.travel == 0.0:
+        return a
+    return a._replace(position=a.position._replace(travel=max(a.position.travel, float(np.ptp(moved)))))
 
 
 def electrical_offset(a: Acquisition, rig: Rig) -> float:
