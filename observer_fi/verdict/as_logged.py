@@ -11,7 +11,7 @@ import numpy as np
 
 from observer_fi.bank import REPEATING
 from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
-from observer_fi.physics import Rig
+from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
@@ -103,7 +103,11 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
 
     Of two offsets only this sum shows in the motor's voltage balance; what is left of the current's is like friction.
     """
-    Rm = rig.model["Rm"] if rig.driven.motor else math.nan
-    off = a.voltage.offset - Rm * a.current.offset
-    noise = math.hypot(a.voltage.as_white, Rm * a.current.as_white)
+    if not rig.driven.motor:
+        return 0.0
+    model = rig.model
+    current = (a.current.offset - model["current_offset"]) / model["current_gain"]
+    expected = equations.terminal_voltage(current, 0.0, 0.0, model.vector) + model["voltage_offset"]
+    off = float(a.voltage.offset - expected)
+    noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
     return off if math.isfinite(off) and abs(off) > OFFSET * noise else 0.0

@@ -32,6 +32,7 @@ CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
 FAR = 100.0  # times the nats of another fault, that one must have for which no motion speaks before it
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
+SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
 
 
@@ -347,6 +348,7 @@ def _special(path: Path, own: OwnState, value: float) -> float:
     """Nats by which a constant that is exactly `value` explains the move better than one that is free."""
     mean, std = _constant(path, own)
     prior = own.std or 1.0
+    std = max(std, SHARPEST * prior)
     after = -0.5 * ((value - mean) / std) ** 2 - math.log(std)
     return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
 
