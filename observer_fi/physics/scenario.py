@@ -104,7 +104,7 @@ def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[L
     t = np.arange(round(scenario.seconds * scenario.rate_hz)) / scenario.rate_hz
     knots, values = command(scenario.moves, plant["accel_cmd"] or np.inf, float(t[-1]))
     clean, states = _run(t, knots, values, scenario, plant, rig.driven)
-    z = clean + scenario.noise * rig.noise_std * rng.standard_normal(clean.shape)
+    z = clean + scenario.noise * rig.file_noise_std * rng.standard_normal(clean.shape)
     _break_sensor(t, z, scenario.fault, rng)
     w_cmd, pitch = np.interp(t, knots, values), np.full(t.size, scenario.pitch_deg)
     log = Log(name, t, z, w_cmd, pitch, metadata=(f"synthetic, seed {scenario.seed}",))

@@ -214,7 +214,7 @@ class Live:
         self._make_bank(replace(self.all_settings, bank=known.settings), known.rig)
         self.isolator = Isolator(self.isolator.modes, self.settings, consistent=False)
         self.samples -= len(table)
-        self.moves = self.moving = 0  # what is judged again holds the first move, if any
+        self.moves = self.moving = self.faulty = 0  # what is judged again holds the first move, if any
         return self._first(known.take_rows(table))
 
     def finish(self) -> Iterator[tuple[Estimate, list[Change]]]:

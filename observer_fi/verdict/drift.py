@@ -58,18 +58,19 @@ def largest_means(normalised: Array, interval: float) -> Array:
     return largest
 
 
+def mostly(label: str, event: Event) -> dict[str, float]:
+    """Probabilities of all labels where one has `SURE` by a rule and no likelihood tells the others apart."""
+    others = (1.0 - SURE) / (len(event.posterior) - 1)
+    return {k: SURE if k == label else others for k in event.posterior}
+
+
 def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
     """A move that began with a friction as no rig of the rig file has, which nominal took up: jammed from its first sample on.
 
     strain_limit: standard deviations of the spread from rig to rig that are believable.
     """
     nominal, spread = bank.hypotheses[0], bank.rig.spread("A")
-    if (
-        event.label != NOMINAL
-        or "A" not in nominal.states
-        or not spread
-        or event.end_s < bank.snapshots[0][0]
-    ):
+    if event.label != NOMINAL or "A" not in nominal.states or not spread:
         return event
     known = [state for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
     if not known:
@@ -80,12 +81,8 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
         return event
     rise, half = factor - 1.0, Z95 * float(np.hypot(std, factor * spread))
     own = next(own for own in FAULTS["jam"].sizes if own.of_friction)
-    posterior = {
-        label: SURE if label == "jam" else (1.0 - SURE) / (len(event.posterior) - 1)
-        for label in event.posterior
-    }
     return event._replace(
-        label="jam", probability=SURE, posterior=posterior, onset_s=event.start_s, detected_s=event.start_s,
+        label="jam", probability=SURE, posterior=mostly("jam", event), onset_s=event.start_s, detected_s=event.start_s,
         onset_interval_s=(event.start_s, event.start_s), alike=(NOMINAL,),
         severity=(Severity(own.tells or "friction_rise", rise, (rise - half, rise + half), "1", own.words.format(rise)),),
         reasons=(f"friction is {factor:.2f} times that of the rig file from the first sample on: jammed before, or another rig",),

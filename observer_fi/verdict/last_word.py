@@ -15,6 +15,7 @@ from observer_fi.bank import Bank, Hypothesis, of_a_move
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import CHANNELS, Event, Severity
 from observer_fi.settings import DecisionSettings
+from observer_fi.verdict.drift import SURE, mostly
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, window_of
 
@@ -317,10 +318,9 @@ def _healthy(event: Event) -> Event:
 
 def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
     """The event where something came that none of the hypotheses explains."""
-    t, sure = whole.window.t, 0.95
-    others = (1.0 - sure) / (len(event.posterior) - 1)
+    t = whole.window.t
     return event._replace(
-        label=UNKNOWN, channel=None, probability=sure, posterior={k: sure if k == UNKNOWN else others for k in event.posterior},
+        label=UNKNOWN, channel=None, probability=SURE, posterior=mostly(UNKNOWN, event),
         onset_s=float(t[max(path.begin - 1, 0)]), onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])),
         over_s=None if path.end is None else float(t[path.end]), detected_s=event.doubted_s, isolated_s=None,
         reasons=("something happened in the move that no hypothesis explains",),

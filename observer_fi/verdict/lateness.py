@@ -65,9 +65,9 @@ class SetBack:
             whole = int(np.floor(samples))
             share, last = samples - whole, known.shape[0] - whole
             now = known[last - len(log.z) : last, c]
-            out[:, c] = (
-                now if not share else (1.0 - share) * now + share * known[last - len(log.z) - 1 : last - 1, c]
-            )
+            before = known[last - len(log.z) - 1 : last - 1, c] if share else now
+            before = np.where(np.isfinite(before), before, now)  # a held reading stands alone
+            out[:, c] = (1.0 - share) * now + share * before
         self.before = known[-room:]
         return replace(log, z=out)
 

@@ -139,3 +139,40 @@ def test_sizes_drawn_over_decades(kind: str) -> None:
         right += found.verdict.label == truth["label"] or truth["label"] in found.verdict.alike
     least = {"nominal": 16, "jam_growing": 10, "slip_growing": 10}
     assert right >= least.get(kind, 13)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_friction_that_no_rig_has_from_the_first_sample_on_is_a_jam(factor: float) -> None:
+    said = []
+    for seed in range(5700, 5706):
+        spec = hidden.draw_move_case(seed, "nominal")
+        spec = replace(spec, rig=replace(spec.rig, A=factor * spec.rig.A))
+        found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), load_rig(), Settings()).isolation
+        assert found is not None
+        said.append(found.verdict.label)
+        if found.verdict.label == "jam":
+            assert found.verdict.alike == ("nominal",) and found.verdict.probability <= 0.95
+            low, high = found.verdict.severity[0].interval
+            assert low < spec.rig.A / load_rig().model["A"] - 1.0 < high
+    if factor == 1.0:
+        assert set(said) == {"nominal"}
+    else:
+        assert said.count("jam") >= 4 and set(said) <= {"jam", "unknown"}
+
+
+@pytest.mark.parametrize("kind", ["slip", "drift"])
+def test_the_rest_tells_a_slip_from_a_position_that_drifts(kind: str) -> None:
+    """Against the motion, at the same speed in both; only the drift goes on when the motor stands."""
+    spec = replace(hidden.draw_move_case(5720, "nominal"), fault=hidden.NO_FAULT)
+    move = spec.profile.moves[0]
+    begin = move.start_s + 1.0
+    rate = -0.4 * load_rig().model["D"] * move.speed
+    drift = hidden.Fault("sensor_fault", begin, "drift", "position", rate)
+    fault = hidden.Fault("slip", begin, size=0.4) if kind == "slip" else drift
+    frame = hidden.make_log(replace(spec, fault=fault), 5720)[0]
+    found = diagnose_log(log_from_frame(frame), load_rig(), Settings()).isolation
+    assert found is not None
+    verdict = found.verdict
+    said = {verdict.label, *verdict.alike}
+    assert ("slip" if kind == "slip" else "sensor_fault") in said
+    assert verdict.probability < 0.95 or verdict.label == ("slip" if kind == "slip" else "sensor_fault")

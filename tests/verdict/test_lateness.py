@@ -13,6 +13,7 @@ from logged_signals import RATE, clock, log_of, signal
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.drives import DRIVES
 from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import lateness
@@ -118,6 +119,15 @@ def test_a_sensor_that_fails_in_the_start_is_named(fault: Fault) -> None:
             {"voltage", "current"} if fault.kind == "bias" else {fault.channel}
         )  # at the start a bias of one is one of both
         assert verdict.channel in one, seed
+
+
+def test_a_held_reading_is_set_back_though_none_stands_before_it() -> None:
+    log = synthesise(Scenario((Move(0.3, 410.0, 0.6),), 1.2, seed=3), RIG)[0]
+    held = log.z.copy()
+    held[np.arange(len(held)) % 16 != 0, 2] = np.nan
+    out = SetBack(Lateness(0.0, 0.3, 0.0)).take(replace(log, z=held)).z
+    assert np.isfinite(out[:, 2]).sum() == np.isfinite(held[:, 2]).sum()
+    np.testing.assert_allclose(out[::16, 2], held[::16, 2], rtol=1e-12)
 
 
 # --- where nothing can be told -------------------------------------------------------------------
