@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.learn.fit_readings import readings_to_fit, since_change
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest, with_command
 from observer_fi.numerics import filled
@@ -33,12 +34,9 @@ FINE_S = (
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
-_SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
-_FEWEST = 100  # settled samples for an estimate of the noise
 MOST_ROWS = 300_000  # samples of moves that are fitted at once: three minutes of motion at 1600 Hz
-_NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,9 @@ class Experiment:
     @property
     def nuisance_std(self) -> Array:
         """(M, 2) how far the rest current [A] and position [m] may be from what was measured before the move."""
-        std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(self.moving, 1))[:, None]
+        rests = [slice(int(b), int(b + n)) for b, n in zip(self.bounds[:-1], self.moving, strict=True)]
+        readings = np.array([(self.weight[rest, 1:] > 0.0).sum(axis=0) for rest in rests])
+        std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(readings, 1))
         std[self.before == 0.0, 1] = _UNKNOWN_PLAY
         return std
 
@@ -99,27 +99,6 @@ class Experiment:
     def w_cmd(self, move: int) -> Array:
         """(n,) commanded speed at the rows of one move [rad/s]."""
         return np.interp(self.t[self.rows(move)], *self.knots[self.log[move]])
-
-
-def noise_of(logs: Sequence[Log], rig: Rig) -> Array:
-    """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
-    estimates = []
-    for log in logs:
-        settled = _since_change(log.t, log.w_cmd)[1:-1] > _SETTLED_S
-        second = np.abs(np.diff(log.z, 2, axis=0))[settled]
-        estimates.append([_white_std(second[:, c]) for c in range(3)])
-    rms = np.array(estimates)
-    found = np.array([np.median(y[np.isfinite(y)]) if np.isfinite(y).any() else np.nan for y in rms.T])
-    return np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * rig.noise_std), rig.noise_std)
-
-
-def _white_std(second: Array) -> float:
-    """Standard deviation of white noise from the sizes of its second differences, without outliers."""
-    y = second[np.isfinite(second)]
-    if y.size < _FEWEST:
-        return math.nan
-    usual = y <= 5.9 * np.median(y)  # four standard deviations
-    return float(np.sqrt(np.mean(y[usual] ** 2) / 6.0))
 
 
 def samples_of(moves: Iterable[Segment]) -> int:
@@ -177,12 +156,12 @@ def prepare(
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
-    noise = noise_of(logs, rig)
+    taken, noise = readings_to_fit(logs, rig)
     codes = [log_phases(log, rig.model) for log in logs]
     share = share_of(cut) if share is None else share
     every = [
-        _part(log, k, m, segments, noise, rig.model, codes[k], dt)
-        for k, (log, segments) in enumerate(zip(logs, cut, strict=True))
+        _part(log, new, k, m, segments, noise, rig.model, codes[k], dt)
+        for k, (log, new, segments) in enumerate(zip(logs, taken, cut, strict=True))
         for dt in (float(np.median(np.diff(log.t))),)
         for m in spread_moves(segments, share)
     ]
@@ -206,7 +185,7 @@ def prepare(
         bounds=np.concatenate(([0], np.cumsum(rows))).astype(np.int64),
         noise=noise,
         doubts=tuple(p["doubt"] for p in parts),
-        knots=tuple(corners(log.t, log.w_cmd, accel) for log in logs),
+        knots=tuple(corners(log.t, log.w_cmd, accel) for log in taken),
         history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
         accel=accel or steepest,
         at_rest=rig.driven.at_rest,
@@ -247,6 +226,7 @@ def unwhitened(experiment: Experiment, r: Array) -> Array:
 
 def _part(
     log: Log,
+    taken: Log,
     number: int,
     m: int,
     segments: Sequence[Segment],
@@ -255,23 +235,23 @@ def _part(
     phase: NDArray[np.int8],
     dt: float,
 ) -> dict | None:
-    """One move as rows of an experiment, or None where it has no rest to start from."""
+    """One move as rows of an experiment, or None where it has no rest to start from. taken: readings that count."""
     segment = segments[m]
     rest = max(segment.rest, segment.start - round(REST_S / dt), 0)
     end = min(segment.end, segment.stop + round(TAIL_S / dt), log.t.size)
     still = log.z[rest : segment.start]
     if segment.start - rest < 4 or np.isnan(still[:, 1:]).all(axis=0).any():
         return None
-    z = log.z[rest:end]
+    t, z = taken.t[rest:end], taken.z[rest:end]
     missing = np.isnan(z)
     weight = np.where(missing, 0.0, 1.0 / noise)
     if m == 0:
         weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
-    since = _since_change(log.t[rest:end], log.w_cmd[rest:end])
-    gapless = np.nan_to_num(np.stack([filled(channel) for channel in z.T], axis=1))
+    since = since_change(t, log.w_cmd[rest:end])
+    gapless = np.nan_to_num(np.stack([filled(channel) for channel in log.z[rest:end].T], axis=1))
     brake = segment.stop - rest - int(abs(segment.peak) / (model["accel_cmd"] or math.inf) / dt) - 2
     return {
-        "t": log.t[rest:end],
+        "t": t,
         "theta": np.nan_to_num(log.pitch[rest:end]),
         "z": np.where(missing, 0.0, z),
         "weight": weight,
@@ -284,15 +264,8 @@ def _part(
         "pitch": segment.pitch,
         "before": float(np.sign(segments[m - 1].peak)) if m else 0.0,
         "rest": np.nanmean(still[:, 1:], axis=0),
-        "doubt": doubt_of(log.t[rest:end], gapless, weight, brake, model),
+        "doubt": doubt_of(t, gapless, weight, brake, model),
     }
-
-
-def _since_change(t: Array, w_cmd: Array) -> Array:
-    """(n,) time since the command last changed, 0 at the sample before it does [s]; infinite before the first change."""
-    changes = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
-    last = np.maximum.accumulate(np.where(changes, np.arange(t.size), -1))
-    return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:

@@ -89,7 +89,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     pieces = [_piece(t[r], z[r], held) for r in rests]
     pieces = [p for p in pieces if p[0].size >= max(FEWEST / every, FEWEST_TICKS)]
     if pieces:
-        traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces)
+        traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
         traits = traits._replace(as_white=grown * traits.as_white, grown=grown)
     else:
         traits = _in_motion(z[there], step, usual)
@@ -179,13 +179,16 @@ def _alike(pieces: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
     return [p for p in pieces if first / ALIKE <= float(p[1].std()) <= first * ALIKE]
 
 
-def _grown(pieces: list[tuple[Array, Array]]) -> float:
+def _grown(pieces: list[tuple[Array, Array]], step: float | None) -> float:
     """By what the noise of the last rest is more than that of the first, where it is of the same kind: another range.
 
-    A drift, a stuck sensor or a burst of noise many times the usual is no range that was switched.
+    A drift, a stuck sensor or a burst of noise many times the usual is no range that was switched, nor is a level between
+    two steps of the readings, where they change by half a step either way.
     """
     (_, first), (_, last) = pieces[0], pieces[-1]
     if min(first.size, last.size) < FEWEST or not np.diff(first).any() or not np.diff(last).any():
+        return 1.0
+    if last.std() <= math.hypot(float(first.std()), 0.5 * (step or 0.0)):
         return 1.0
     neighbours, all_of_it = (
         _between_neighbours([last]) / _between_neighbours([first]),

@@ -1,0 +1,71 @@
+"""Readings as fits may take them: each one that says something new, with the noise by which it counts.
+
+Residuals of a fit are taken for white. A held reading counts at its ticks, a coarse one that stands ever more rarely
+(`logs.readings`), and a channel whose noise is not white, or comes in steps, counts as the white noise that says as little.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer_fi.logs import Readings, acquisition_of, even
+from observer_fi.physics import Rig
+from observer_fi.records import Array, ChannelTraits, Log
+
+_SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
+_FEWEST = 100  # settled samples for an estimate of the noise
+_NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
+
+
+def readings_to_fit(logs: Sequence[Log], rig: Rig) -> tuple[list[Log], Array]:
+    """The logs with NaN for readings that say nothing new, on an even clock, and the (3,) noise of what is left."""
+    taken, estimates = [], []
+    for log in logs:
+        acquisition = acquisition_of(log, rig.file_noise_std)
+        white = _settled_noise(log)
+        channels = zip(acquisition[:3], white.tolist(), strict=True)
+        estimates.append([noise if _plain(channel) else channel.as_white for channel, noise in channels])
+        clock = acquisition.clock
+        if clock.resolution_s:
+            log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+        taken.append(Readings(acquisition, log.rate_hz, rig.file_noise_std, blind=False).take(log))
+    found = np.array([_usual(column) for column in np.array(estimates).T])
+    usual = rig.file_noise_std
+    return taken, np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
+
+
+def since_change(t: Array, w_cmd: Array) -> Array:
+    """(n,) time since the command last changed, 0 at the sample before it does [s]; infinite before the first change."""
+    changes = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
+    last = np.maximum.accumulate(np.where(changes, np.arange(t.size), -1))
+    return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
+
+
+def _plain(channel: ChannelTraits) -> bool:
+    """Whether white noise is all that a logger adds to a channel, as far as its rests show."""
+    if channel.resolution is not None or channel.update_hz is not None or channel.lines:
+        return False
+    return channel.correlation_s is None and channel.averaged == 1 and channel.grown == 1.0
+
+
+def _usual(noise: Array) -> float:
+    known = noise[np.isfinite(noise)]
+    return float(np.median(known)) if known.size else math.nan
+
+
+def _settled_noise(log: Log) -> Array:
+    """(3,) standard deviation of the white noise of each channel, from second differences; robust to transients."""
+    settled = since_change(log.t, log.w_cmd)[1:-1] > _SETTLED_S
+    second = np.abs(np.diff(log.z, 2, axis=0))[settled]
+    return np.array([_white_std(second[:, c]) for c in range(3)])
+
+
+def _white_std(second: Array) -> float:
+    """Standard deviation of white noise from the sizes of its second differences, without outliers."""
+    y = second[np.isfinite(second)]
+    if y.size < _FEWEST:
+        return math.nan
+    usual = y <= 5.9 * np.median(y)  # four standard deviations
+    return float(np.sqrt(np.mean(y[usual] ** 2) / 6.0))
