@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.numerics import inlined, uncounted
-from observer_fi.physics import Model, corner
+from observer_fi.physics import Model, corner, corners, planned
 from observer_fi.records import Array, Log
 
 SETTLING = 8  # first samples that tell the sampling interval
@@ -101,6 +101,8 @@ class CommandStream:
             model["accel_cmd"] or np.inf, model["accel_limit"]
         )  # unknown: linear between samples
         self.limit = model["accel_limit"]
+        self.ahead = model["accel_ahead"] != 0.0 and np.isfinite(self.limit)
+        self.given = model["accel_cmd"]
         self.delay = model["input_delay"] + model["tick_phase"]
         self.substep_s = substep_s
         self.substeps = 0
@@ -122,7 +124,9 @@ class CommandStream:
         return w, out
 
     def fill(self, t: Array, w_cmd: Array, w: Array, out: Array) -> None:
-        """As `intervals`, into arrays that exist."""
+        """As `intervals`, into arrays that exist. A servo that plans ahead does so within the samples at hand."""
+        if self.ahead:
+            w_cmd = np.interp(t, *planned(*corners(t, w_cmd, self.given), self.limit))
         follow(t, w_cmd, self.accel, self.limit, self.delay, self.knots, self.memory, w, out)
 
 

@@ -263,7 +263,9 @@ class CalculatedForce:
         """The force residual [N] stands for the readings, for nothing else was predicted."""
         seen = held_out(fitted)
         rms = float(np.sqrt(np.mean(seen**2)))
-        return Measure(nll(seen, fitted), {"force_n": rms}, {"force_n": whiteness(seen)})
+        return Measure(
+            nll(seen, fitted), {"force_n": rms}, {"force_n": whiteness(seen)}, noise_floor_of(seen)
+        )
 
     def values(self, fitted: Solution) -> dict[str, tuple[float, float]]:
         return parameters_of(fitted)
@@ -338,6 +340,12 @@ def nll(residual: Array, solution: Solution) -> float:
     """Gaussian negative log-likelihood a sample [nats] with the variance of the fit."""
     variance = solution.rss / solution.residual.size
     return 0.5 * (math.log(2.0 * math.pi * variance) + float(np.mean(residual**2)) / variance)
+
+
+def noise_floor_of(residual: Array) -> float:
+    """Negative log-likelihood a sample [nats] of the part of a residual that differs from sample to sample."""
+    variance = max(0.5 * float(np.mean(np.diff(residual) ** 2)), 1e-300)
+    return 0.5 * (math.log(2.0 * math.pi * variance) + 1.0)
 
 
 def _own(candidates: Iterable[Candidate]) -> list[ForceCandidate]:

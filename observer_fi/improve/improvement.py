@@ -234,7 +234,13 @@ def to_json(record: Improvement) -> dict[str, Any]:
         "refit": {name: asdict(v) for name, v in record.refit.items()},
         "findings": [_finding_json(f) for f in record.findings],
         "unexplained": [
-            {"equation": u.equation, "regressor": u.regressor, "share_of_residual_variance": u.share}
+            {
+                "equation": u.equation,
+                "regressor": u.regressor,
+                "share_of_residual_variance": u.share,
+                "order": u.order,
+                "frequency_hz": u.frequency_hz,
+            }
             for u in record.unexplained
         ],
         "extended": asdict(record.extended),

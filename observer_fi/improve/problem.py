@@ -91,11 +91,15 @@ class Ladder(Generic[F]):
 
 @dataclass(frozen=True)
 class Measure:
-    """How well a model explains what it was not fitted to. rmse: A, m, rad/s, N. whiteness_p: per channel."""
+    """How well a model explains what it was not fitted to. rmse: A, m, rad/s, N. whiteness_p: per channel.
+
+    noise_floor_nll: what a model that is right would leave, of the noise alone.
+    """
 
     nll_per_sample: float
     rmse: dict[str, float]
     whiteness_p: dict[str, float]
+    noise_floor_nll: float
 
 
 class Problem(Protocol[F]):

@@ -15,7 +15,7 @@ import numpy as np
 
 from observer_fi.improve.problem import Candidate
 from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals, run, scales
-from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows
+from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Cause, Coverage, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -70,7 +70,7 @@ def _free(term: Term) -> Free:
     """A limit that clamps nothing where it is neutral starts just below what the moves reached."""
     start = term.start
     if term.shape:
-        step = _SHAPE_STEP * abs(start) + 1e-5 * (start == 0.0)
+        step = term.step or _SHAPE_STEP * abs(start) + 1e-5 * (start == 0.0)
         return Free(term.parameter, step, term.low, term.high, start, term.prior_std)
     if math.isfinite(term.neutral):
         return Free(term.parameter, abs(start - term.neutral), term.low, term.high)
@@ -182,6 +182,81 @@ def _best_subset(H: Array, g: Array, terms: tuple[Term, ...]) -> tuple[float, Ar
 def _allowed(term: Term, weight: float) -> bool:
     """Whether a weight respects the physical sign of a term: what starts at its bound may only go one way."""
     return weight >= 0.0 or (term.low < term.neutral < term.high and math.isfinite(term.neutral))
+
+
+_GROSS_TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of the start of a size
+_GROSS_SHARES = (0.6, 0.33, 0.18, 0.1)  # of what a limit would leave alone
+_FIRST_LOOK = 5  # iterations after which the best start of a limit is known
+
+
+Start = tuple[Cause, Variant, dict[str, float]]
+
+
+def gross_limits(
+    experiment: Experiment, model: Model, free: Sequence[Free], causes: Sequence[str], coverage: Coverage
+) -> list[Start]:
+    """For each form of a limit that holds throughout, where a fit of it does best after a few steps."""
+    found = []
+    for name in causes:
+        for variant in CAUSES[name].variants(coverage, MOVES):
+            (first, *others) = variant.sizes
+            if others or math.isfinite(first.neutral):
+                continue
+            starts = [
+                {**start_values(variant), first.parameter: share * first.start} for share in _GROSS_SHARES
+            ]
+            fits = [fit_from(experiment, model, free, variant, start, _FIRST_LOOK) for start in starts]
+            best = min(fits, key=lambda fitted: fitted.objective)
+            values = {**start_values(variant), first.parameter: best.model[first.parameter]}
+            found.append((CAUSES[name], variant, values))
+    return found
+
+
+def gross_starts(
+    experiment: Experiment, model: Model, causes: Sequence[str], coverage: Coverage, most: int
+) -> list[Start]:
+    """Causes with one size, so large that no score beside a refit can see them: the best starts from a rig that nobody refitted.
+
+    Only starts that leave less misfit than the rig as it is, one for each form of a cause, at most `most`, the best first.
+    """
+    pairs = [(CAUSES[name], v) for name in causes for v in CAUSES[name].variants(coverage, MOVES)]
+    tried = [
+        (cause, v, {**start_values(v), v.sizes[0].parameter: value})
+        for cause, v in pairs
+        if len(v.sizes) == 1 and not v.sizes[0].with_it and math.isfinite(v.sizes[0].neutral)
+        for value in _gross_sizes(v.sizes[0])
+    ]
+    still = np.zeros((experiment.moves, 2))
+
+    def misfit(values: dict[str, float]) -> float:
+        return sum_of_squares(residuals(experiment, override(model, model.name, **values), still))
+
+    with ThreadPoolExecutor(2) as pool:
+        left = list(pool.map(misfit, (values for _, _, values in tried)))
+    least = misfit({})
+    found: dict[tuple[str, str], tuple[Cause, Variant, dict[str, float]]] = {}
+    for k in np.argsort(left):
+        cause, variant, values = tried[k]
+        if left[k] < least and len(found) < most:
+            found.setdefault((cause.name, variant.name), (cause, variant, values))
+    return list(found.values())
+
+
+def _gross_sizes(term: Term) -> list[float]:
+    ways = (1.0, -1.0) if term.low < term.neutral else (1.0,)
+    sizes = [
+        term.neutral + way * times * (term.start - term.neutral) for times in _GROSS_TIMES for way in ways
+    ]
+    return [size for size in sizes if term.low <= size <= term.high]
+
+
+def fit_from(
+    experiment: Experiment, model: Model, free: Sequence[Free], variant: Variant, values: dict[str, float],
+    iterations: int = 30,
+) -> FitResult:  # fmt: skip
+    """The fit with a cause from a gross start, everything else from the model's own values."""
+    start = override(model, model.name, **_inside(variant, values))
+    return fit(experiment, start, (*free, *free_of(variant)), iterations=iterations)
 
 
 def refit(experiment: Experiment, fitted: FitResult, candidate: Candidate, exact: bool = False) -> FitResult:

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from observer_fi.improve.freed_equations import FreedEquation
+from observer_fi.improve.freed_equations import WANTED_NATS, FreedEquation
 from observer_fi.improve.keep_curve import Kept, fit_kept_curve
+from observer_fi.improve.lines import order_lines
 from observer_fi.improve.misfit import (
     POSITION,
     channel_excess,
@@ -23,9 +24,19 @@ from observer_fi.improve.misfit import (
 )
 from observer_fi.improve.problem import Candidate, HeldOut, Ladder, Measure, Step, Trial
 from observer_fi.improve.residual_tables import Residuals, residual_tables
-from observer_fi.improve.screening import coverage_of, refit, screen, without
+from observer_fi.improve.screening import (
+    Projector,
+    coverage_of,
+    fit_from,
+    gross_limits,
+    gross_starts,
+    penalty,
+    refit,
+    screen,
+    without,
+)
 from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance, free_equations
-from observer_fi.improve.unexplained import Smooth, rest_steps, slow_excess, smooth_terms
+from observer_fi.improve.unexplained import Smooth, nameless, rest_steps, slow_excess, smooth_terms
 from observer_fi.learn import (
     Experiment,
     FitResult,
@@ -33,9 +44,12 @@ from observer_fi.learn import (
     find_stops,
     fit,
     inflation,
+    linearised,
     nll_per_sample,
+    noise_floor,
     objective,
     prepare,
+    run,
     share_of,
     stops_of_travel,
     whiteness,
@@ -69,6 +83,11 @@ _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
 _STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in the steps between moves
 _SLOW_SHARE = 0.5  # of the dust that must be left in means over some ms before smooth terms are tried
+_CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told without a name
+_MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
+_TOO_FAR = 5.0  # standard deviations of their priors
+_GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
+_GROSS_STARTS = 4
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -109,6 +128,7 @@ def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
         names |= _STOPS
     for name, relative in names.items():
         value = rig.model[name]
+        relative = max(relative, rig.spread(name))
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
     return (*free, *_stops(model), _SERVO_DELAY, _TICK_PHASE)
 
@@ -187,9 +207,16 @@ class SimulatedMoves:
     def screen(self, fitted: FitResult, steps: Sequence[Step[FitResult]]) -> list[Candidate]:
         taken = {name for step in steps for name in step.trial.causes}
         names = [name for name in causes_of(fitted.model) if name not in taken]
-        return screen(
-            self.experiment, fitted, names, coverage_of(self.experiment, fitted.model, fitted.nuisance)
-        )
+        cover = coverage_of(self.experiment, fitted.model, fitted.nuisance)
+        return screen(self.experiment, fitted, names, cover._replace(orders=self._orders(fitted)))
+
+    def _orders(self, fitted: FitResult) -> tuple[float, ...]:
+        """Orders of the motor's turn at which the torque that a fit leaves has lines."""
+        experiment = self.experiment
+        states, _ = run(experiment, fitted.model, fitted.nuisance)
+        linear = linearised(experiment, fitted.model, states)
+        lines = order_lines(experiment, Projector(experiment, fitted), linear, states)
+        return tuple(line.at for line in lines if line.gain > self.settings.margin)
 
     def trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         rivals, found = (
@@ -200,7 +227,28 @@ class SimulatedMoves:
             gain = fitted.objective - result.objective
             price = candidate.gain - candidate.net
             found.append(Trial((candidate,), result, gain, (gain - price,)))
+        if fitted is self._baseline:
+            found += self._gross_trials(fitted, candidates)
         return sorted(found, key=lambda trial: -trial.nets[0])
+
+    def _gross_trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
+        """Where the refit fails by far: effects that are too large for a score beside it, from the rig as it was given."""
+        experiment, trials = self.experiment, []
+        if self._most < _GROSS_NATS * self.sample_count:
+            return []
+        cover = coverage_of(experiment, self.model, np.zeros_like(fitted.nuisance))
+        scored = {(c.cause.name, c.variant.name): c for c in candidates}
+        names, free = causes_of(self.model), base_parameters(self.rig, self.model)
+        starts = gross_starts(experiment, self.model, names, cover, _GROSS_STARTS)
+        for cause, variant, values in (*starts, *gross_limits(experiment, self.model, free, names, cover)):
+            result = fit_from(experiment, self.model, free, variant, values)
+            gain = fitted.objective - result.objective
+            price = penalty(experiment, len(variant.terms), max(len(candidates), 1))
+            known = scored.get(
+                (cause.name, variant.name), Candidate(cause, variant, gain, gain - price, {}, {})
+            )
+            trials.append(Trial((replace(known, variant=variant),), result, gain, (gain - price,)))
+        return trials
 
     def _refitted(self, fitted: FitResult, rivals: Sequence[Candidate]) -> list[tuple[Candidate, FitResult]]:
         """Every rival refitted; one that stays behind its score, and might have won with it, is refitted exactly."""
@@ -325,7 +373,8 @@ class SimulatedMoves:
     def measure(self, fitted: FitResult) -> Measure:
         seen = held_out_residuals(self.experiment, fitted)
         white = {f"{name}_{unit}": whiteness(fitted.residuals[:, c]) for c, (name, unit) in enumerate(UNITS)}
-        return Measure(nll_per_sample(self.experiment, seen), self._rmse(fitted, seen), white)
+        floor = noise_floor(self.experiment)
+        return Measure(nll_per_sample(self.experiment, seen), self._rmse(fitted, seen), white, floor)
 
     def _rmse(self, fitted: FitResult, held_out: Array) -> dict[str, float]:
         """Root mean square of the held-out residuals: current, position, and the speed of equation 16."""
@@ -353,6 +402,31 @@ class SimulatedMoves:
         return residual_tables(self.experiment, fitted)
 
     def unexplained(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
+        """The smooth terms that the extended model still asks for, the best first; else what it leaves without a name."""
+        return self._smooth_rest(ladder) or self._without_a_name(ladder)
+
+    def _without_a_name(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
+        """The equation that the data still want free, though nothing known goes with it; and what a refit bent too far."""
+        experiment, fitted = self.experiment, ladder.extended
+        most = excess(experiment, ladder.baseline.residuals) if ladder.steps else 0.0
+        least = max(WANTED_NATS, _CLEARLY * dust(experiment, most))
+        if slow_excess(experiment, fitted.residuals) > _SLOW_SHARE * least:
+            freed = [row for row in free_equations(experiment, fitted)[0] if row.gain >= least]
+            if freed:
+                whole = raw_excess(experiment, fitted.residuals)
+                return (nameless(freed[0].equation, freed[0].gain, whole),)
+        return tuple(nameless(equation, 0.0, 0.0) for equation in self._bent(fitted))
+
+    def _bent(self, fitted: FitResult) -> tuple[str, ...]:
+        """Equations whose constants of the data sheet a refit moved by more than their makers ever do."""
+        far = [
+            f.name
+            for f in fitted.free
+            if f.name in _MAKERS and abs(fitted.model[f.name] - f.prior) > _TOO_FAR * f.prior_std
+        ]
+        return tuple(dict.fromkeys(_MAKERS[name] for name in far))
+
+    def _smooth_rest(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
         """The smooth terms that the extended model still asks for, the best first."""
         experiment, r = self.experiment, ladder.extended.residuals
         n = int((experiment.weight > 0.0).sum())

@@ -1,8 +1,4 @@
-"""What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves.
-
-A small disturbance of one equation moves the readings linearly (`learn/linear.py`), so the response to every shape of
-disturbance is one cheap recursion.
-"""
+"""What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves."""
 
 import math
 from collections.abc import Sequence
@@ -12,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.improve.lines import order_lines, time_lines, waves
 from observer_fi.improve.screening import Projector
 from observer_fi.learn import (
     CURRENT,
@@ -27,11 +24,11 @@ from observer_fi.learn import (
     Motion,
     Solution,
     linearised,
+    response,
     run,
-    whitened,
 )
-from observer_fi.numerics import compiled, matvec, self_gram
-from observer_fi.physics import Rig
+from observer_fi.numerics import matvec, self_gram
+from observer_fi.physics import Model, Rig
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
@@ -43,7 +40,6 @@ _BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
 _FEWEST_STEPS = 4  # between moves
 _DRAWN = 200  # points of a curve that is drawn from its functions
 _STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
-_FREQUENCIES = np.arange(0.1, 6.0, 0.02)
 # Of every equation what is disturbed, and for a torque also against the direction of motion.
 KINDS = {
     "torque": (TORQUE, FRICTION), "electrical": (RESISTANCE,), "kinematics": (TRAVEL,), "sensor:position": (POSITION,),
@@ -57,7 +53,8 @@ class Smooth:
 
     gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
     at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
-    ohm, 1, m, A, V). coefficients: how many numbers it took.
+    ohm, 1, m, A, V); empty where nothing that is known goes with it. coefficients: how many numbers it took. order,
+    frequency_hz: of a line, per turn of the motor or in time.
     """
 
     equation: str
@@ -70,15 +67,29 @@ class Smooth:
     curve: Array
     band: Array
     coefficients: int
+    order: float | None = None
+    frequency_hz: float | None = None
+
+
+def nameless(equation: str, gain: float, whole: float) -> Smooth:
+    """An equation that wants to be free by `gain` of the `whole` misfit [nats], with nothing that it goes with."""
+    share = min(max(gain / whole, 0.0), 1.0) if whole > 0.0 else 0.0
+    nothing = np.empty(0)
+    return Smooth(equation, "unknown", False, gain, gain, share, nothing, nothing, nothing, 0)
 
 
 class Shape(NamedTuple):
-    """A basis (K, N) over one regressor, over (N,); at (K,): the points, where the coefficients are values of the curve."""
+    """A basis (K, N) over one regressor, over (N,); at (K,): the points, where the coefficients are values of the curve.
+
+    order, frequency_hz: of a line.
+    """
 
     regressor: str
     basis: Array
     over: Array
     at: Array | None = None
+    order: float | None = None
+    frequency_hz: float | None = None
 
 
 def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> list[Smooth]:
@@ -89,7 +100,7 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     projector, linear = Projector(experiment, fitted), linearised(experiment, fitted.model, states)
     found = []
-    for shape in _shapes(experiment, projector, fitted, linear, states):
+    for shape in _shapes(experiment, projector, fitted.model, linear, states):
         for equation, kinds in KINDS.items():
             for directed, kind in enumerate(kinds):
                 columns = response(experiment, linear, kind, shape.basis)
@@ -122,25 +133,39 @@ def regressors(experiment: Experiment, states: Array, lead: float) -> dict[str, 
 
 
 def _shapes(
-    experiment: Experiment, projector: Projector, fitted: FitResult, linear: Linear, states: Array
+    experiment: Experiment, projector: Projector, model: Model, linear: Linear, states: Array
 ) -> list[Shape]:
-    """Everything that a disturbance is tried with: curves over one regressor, pitch by speed, decays and a wave in time."""
-    given = regressors(experiment, states, fitted.model["screw_lead"])
+    """Everything that a disturbance is tried with: curves over one regressor, pitch by speed, decays in time, and lines."""
+    given = regressors(experiment, states, model["screw_lead"])
     since = experiment.t - experiment.t.min()
     decays = np.array([np.exp(-since / tau) for tau in _SETTLING_S])
+    orders = {"shaft_angle": 1.0, "screw_angle": 2.0 * math.pi * model["D"] / model["screw_lead"]}
     return [
-        *(_shape(name, values) for name, values in given.items()),
+        *(_shape(name, values, orders.get(name)) for name, values in given.items()),
         _pitch_by_speed(given["pitch"], given["speed"]),
         Shape("time", decays, experiment.t),
-        Shape("time", _wave(experiment, projector, linear), experiment.t),
+        *(_in_time(line.at, experiment.t) for line in time_lines(experiment, projector, linear)),
+        *(
+            _of_order(line.at, given["shaft_angle"])
+            for line in order_lines(experiment, projector, linear, states)
+        ),
     ]
 
 
-def _shape(regressor: str, r: Array) -> Shape:
+def _in_time(hz: float, t: Array) -> Shape:
+    return Shape("time", waves(2.0 * math.pi * t, hz), t, frequency_hz=hz)
+
+
+def _of_order(order: float, phi: Array) -> Shape:
+    return Shape("shaft_angle", waves(phi, order), np.remainder(phi, 2.0 * math.pi / order), order=order)
+
+
+def _shape(regressor: str, r: Array, order: float | None = None) -> Shape:
     """Harmonics of an angle, hats at levels, or hats at knots."""
     if regressor.endswith("_angle"):
         turn = np.remainder(r, 2.0 * math.pi)
-        return Shape(regressor, np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)]), turn)
+        basis = np.array([np.sin(r), np.cos(r), np.sin(2.0 * r), np.cos(2.0 * r)])
+        return Shape(regressor, basis, turn, order=order)
     at = _points(regressor, r)
     return Shape(regressor, np.array([np.interp(r, at, row) for row in np.eye(at.size)]), r, at)
 
@@ -162,62 +187,6 @@ def _pitch_by_speed(pitch: Array, speed: Array) -> Shape:
     knots = np.linspace(0.0, float(np.abs(speed).max()), 4)
     hats = [np.interp(np.abs(speed), knots, row) for row in np.eye(knots.size)[1:]]
     return Shape("pitch", np.array([level * hat for level in levels.basis for hat in hats]), pitch)
-
-
-def _wave(experiment: Experiment, projector: Projector, linear: Linear) -> Array:
-    """(2, N) sine and cosine of the frequency at which a torque in time would explain most."""
-    best, at = 0.0, _FREQUENCIES[0]
-    for f in _FREQUENCIES:
-        wave = _sine(f, experiment.t)
-        columns = response(experiment, linear, TORQUE, wave).reshape(2, -1)
-        g = matvec(columns, projector.r[: columns.shape[1]])
-        gain = float(np.sum(g**2 / np.maximum(np.diag(self_gram(columns)), 1e-300)))
-        if gain > best:
-            best, at = gain, f
-    return _sine(at, experiment.t)
-
-
-def _sine(f: float, t: Array) -> Array:
-    return np.array([np.sin(2.0 * math.pi * f * t), np.cos(2.0 * math.pi * f * t)])
-
-
-def response(experiment: Experiment, linear: Linear, kind: int, forcing: Array) -> Array:
-    """(K, N, 3) change of the normalised readings for disturbances (K, N) of one of `DISTURBANCES`."""
-    out = np.empty((*forcing.shape, 3))
-    for m in range(experiment.moves):
-        rows = experiment.rows(m)
-        F, held, H, G, S = (
-            linear.F[rows],
-            linear.held[rows],
-            linear.H[rows],
-            linear.G[kind, rows],
-            linear.S[kind, rows],
-        )
-        _carry(F, held, H, G, S, np.ascontiguousarray(forcing[:, rows].T), out[:, rows])
-    out *= experiment.weight
-    for column in out:
-        whitened(experiment, column)
-    return out
-
-
-@compiled
-def _carry(
-    F: Array, held: NDArray[np.bool_], H: Array, G: Array, S: Array, forcing: Array, out: Array
-) -> None:
-    """Readings out (K, n, 3) of one move that disturbances (n, K) lead to; F, held, H, G, S: see `Linear`."""
-    w, I, x = np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1])
-    for j in range(forcing.shape[0]):
-        for k in range(forcing.shape[1]):
-            f, before = forcing[j, k], w[k]
-            out[k, j, 0] = H[j, 0] * w[k] + H[j, 1] * I[k] + S[j, 0] * f
-            out[k, j, 1] = H[j, 2] * w[k] + H[j, 3] * I[k] + S[j, 1] * f
-            out[k, j, 2] = H[j, 4] * w[k] + H[j, 5] * x[k] + S[j, 2] * f
-            if held[j]:
-                w[k] = 0.0
-                continue
-            w[k] = F[j, 0] * before + F[j, 1] * I[k] + F[j, 2] * x[k] + G[j, 0] * f
-            x[k] += F[j, 5] * before + F[j, 6] * I[k] + G[j, 2] * f
-            I[k] = F[j, 3] * before + F[j, 4] * I[k] + G[j, 1] * f
 
 
 def _judge(
@@ -251,7 +220,8 @@ def _judge(
     errors[good] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H + ridge)), 0.0)) / size[good]
     share = min(max(held_out / excess, 0.0), 1.0) if excess > 0.0 else 0.0
     drawn = _drawn(shape, coefficients, errors)
-    return Smooth(equation, shape.regressor, directed, gain, held_out, share, *drawn, K)
+    line = (shape.order, shape.frequency_hz)
+    return Smooth(equation, shape.regressor, directed, gain, held_out, share, *drawn, K, *line)
 
 
 def _drawn(shape: Shape, coefficients: Array, errors: Array) -> tuple[Array, Array, Array]:

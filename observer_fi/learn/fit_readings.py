@@ -7,10 +7,12 @@ Residuals of a fit are taken for white. A held reading counts at its ticks, a co
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.logs import Readings, acquisition_of, even
+from observer_fi.logs import Readings as FreshReadings
+from observer_fi.logs import acquisition_of, even, without_spikes
 from observer_fi.physics import Rig
 from observer_fi.records import Array, ChannelTraits, Log
 
@@ -19,21 +21,32 @@ _FEWEST = 100  # settled samples for an estimate of the noise
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
 
-def readings_to_fit(logs: Sequence[Log], rig: Rig) -> tuple[list[Log], Array]:
-    """The logs with NaN for readings that say nothing new, on an even clock, and the (3,) noise of what is left."""
-    taken, estimates = [], []
+class Readings(NamedTuple):
+    """The logs with NaN for readings that say nothing new, on an even clock; noise (3,) of what is left; lines of it [Hz]."""
+
+    logs: list[Log]
+    noise: Array
+    hum_hz: tuple[float, ...]
+
+
+def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
+    """What fits may take of some logs of one rig."""
+    taken, estimates, hum = [], [], []
     for log in logs:
         acquisition = acquisition_of(log, rig.file_noise_std)
         white = _settled_noise(log)
         channels = zip(acquisition[:3], white.tolist(), strict=True)
         estimates.append([noise if _plain(channel) else channel.as_white for channel, noise in channels])
+        hum += [line.hz for channel in acquisition[:3] for line in channel.lines]
         clock = acquisition.clock
         if clock.resolution_s:
             log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
-        taken.append(Readings(acquisition, log.rate_hz, rig.file_noise_std, blind=False).take(log))
+        fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std, blind=False).take(log)
+        taken.append(without_spikes(fresh, acquisition))
     found = np.array([_usual(column) for column in np.array(estimates).T])
     usual = rig.file_noise_std
-    return taken, np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
+    noise = np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
+    return Readings(taken, noise, tuple(hum))
 
 
 def since_change(t: Array, w_cmd: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.learn.move_data import Experiment, commands
+from observer_fi.learn.move_data import Experiment, commands, whitened
 from observer_fi.numerics import compiled
 from observer_fi.physics import Model, linear, plant
 from observer_fi.physics import equations as a
@@ -121,3 +121,78 @@ def _electrical(k, w, I, slow, w_cmd, p, S):
     S[SUPPLY, k, 1] = by_limit
     if i == i_cmd:
         S[SPEED_COMMAND, k, 1], S[CURRENT_COMMAND, k, 1] = p[a.KP], 1.0
+
+
+def response(experiment: Experiment, linear: Linear, kind: int, forcing: Array) -> Array:
+    """(K, N, 3) change of the normalised readings for disturbances (K, N) of one of `DISTURBANCES`."""
+    out = np.empty((*forcing.shape, 3))
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        F, held, H, G, S = (
+            linear.F[rows],
+            linear.held[rows],
+            linear.H[rows],
+            linear.G[kind, rows],
+            linear.S[kind, rows],
+        )
+        _carry(F, held, H, G, S, np.ascontiguousarray(forcing[:, rows].T), out[:, rows])
+    out *= experiment.weight
+    for column in out:
+        whitened(experiment, column)
+    return out
+
+
+@compiled
+def _carry(
+    F: Array, held: NDArray[np.bool_], H: Array, G: Array, S: Array, forcing: Array, out: Array
+) -> None:
+    """Readings out (K, n, 3) of one move that disturbances (n, K) lead to; F, held, H, G, S: see `Linear`."""
+    w, I, x = np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1]), np.zeros(forcing.shape[1])
+    for j in range(forcing.shape[0]):
+        for k in range(forcing.shape[1]):
+            f, before = forcing[j, k], w[k]
+            out[k, j, 0] = H[j, 0] * w[k] + H[j, 1] * I[k] + S[j, 0] * f
+            out[k, j, 1] = H[j, 2] * w[k] + H[j, 3] * I[k] + S[j, 1] * f
+            out[k, j, 2] = H[j, 4] * w[k] + H[j, 5] * x[k] + S[j, 2] * f
+            if held[j]:
+                w[k] = 0.0
+                continue
+            w[k] = F[j, 0] * before + F[j, 1] * I[k] + F[j, 2] * x[k] + G[j, 0] * f
+            x[k] += F[j, 5] * before + F[j, 6] * I[k] + G[j, 2] * f
+            I[k] = F[j, 3] * before + F[j, 4] * I[k] + G[j, 1] * f
+
+
+def gradient(experiment: Experiment, linear: Linear, kind: int, r: Array) -> Array:
+    """(N,) what a unit of a disturbance at each sample adds to the product of its answer with residuals r (N, 3)."""
+    seen = whitened(experiment, r.copy()) * experiment.weight
+    out = np.empty(experiment.t.size)
+    for m in range(experiment.moves):
+        rows = experiment.rows(m)
+        _carry_back(
+            linear.F[rows], linear.held[rows], linear.H[rows], linear.G[kind, rows], linear.S[kind, rows],
+            np.ascontiguousarray(seen[rows]), out[rows],
+        )  # fmt: skip
+    return out
+
+
+@compiled
+def _carry_back(
+    F: Array, held: NDArray[np.bool_], H: Array, G: Array, S: Array, seen: Array, out: Array
+) -> None:
+    """The transpose of the motion's answer: from readings (n, 3) of one move to its disturbance out (n,)."""
+    w, I, x = 0.0, 0.0, 0.0
+    for j in range(out.size - 1, -1, -1):
+        V, i, p = seen[j, 0], seen[j, 1], seen[j, 2]
+        out[j] = S[j, 0] * V + S[j, 1] * i + S[j, 2] * p
+        if held[j]:
+            w = 0.0
+        else:
+            out[j] += G[j, 0] * w + G[j, 1] * I + G[j, 2] * x
+            w, I, x = (
+                F[j, 0] * w + F[j, 3] * I + F[j, 5] * x,
+                F[j, 1] * w + F[j, 4] * I + F[j, 6] * x,
+                F[j, 2] * w + x,
+            )
+        w += H[j, 0] * V + H[j, 2] * i + H[j, 4] * p
+        I += H[j, 1] * V + H[j, 3] * i
+        x += H[j, 5] * p

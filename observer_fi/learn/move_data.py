@@ -48,7 +48,7 @@ class Experiment:
     peak (M,) rad/s and pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current
     [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
     values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
-    the slow states. at_rest: see `Drive`.
+    the slow states. at_rest: see `Drive`. hum_hz: lines of the logger.
     """
 
     t: Array
@@ -72,6 +72,7 @@ class Experiment:
     accel: float
     at_rest: Callable[[Any, Array], Rest]
     steps: int = 2
+    hum_hz: tuple[float, ...] = ()
 
     @property
     def moves(self) -> int:
@@ -156,7 +157,7 @@ def prepare(
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
-    taken, noise = readings_to_fit(logs, rig)
+    taken, noise, hum = readings_to_fit(logs, rig)
     codes = [log_phases(log, rig.model) for log in logs]
     share = share_of(cut) if share is None else share
     every = [
@@ -184,6 +185,7 @@ def prepare(
         **each,
         bounds=np.concatenate(([0], np.cumsum(rows))).astype(np.int64),
         noise=noise,
+        hum_hz=hum,
         doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(corners(log.t, log.w_cmd, accel) for log in taken),
         history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
@@ -296,26 +298,27 @@ def _leaky(u: Array, dt: float, time: float) -> Array:
 
 def commands(experiment: Experiment, p: Array) -> tuple[Array, Array]:
     """Command, and command as the servo's proportional path sees it, at the quarters of every interval, (N, 4) each."""
-    delay, late, accel = _delays(p)
-    now = _commands(experiment, delay, accel)
-    return now, (_commands(experiment, delay + late, accel) if late else now)
+    delay, late, accel, ahead = _delays(p)
+    now = _commands(experiment, delay, accel, ahead)
+    return now, (_commands(experiment, delay + late, accel, ahead) if late else now)
 
 
-def _delays(p: Array) -> tuple[float, float, float]:
-    """What of a parameter vector changes the commands: delay, delay of the proportional path [s], limit [rad/s^2]."""
+def _delays(p: Array) -> tuple[float, float, float, float]:
+    """What of a parameter vector changes the commands: delay, delay of the proportional path [s], limit [rad/s^2], planned."""
     if p[a.EXTENDED] == 0.0:
-        return 0.0, 0.0, math.inf
-    return float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]), float(p[a.SERVO_DELAY]), float(p[a.ACCEL_LIMIT])
+        return 0.0, 0.0, math.inf, 0.0
+    limit, ahead = float(p[a.ACCEL_LIMIT]), float(p[a.ACCEL_AHEAD])
+    return float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]), float(p[a.SERVO_DELAY]), limit, ahead
 
 
-def _commands(experiment: Experiment, delay: float, accel: float) -> Array:
+def _commands(experiment: Experiment, delay: float, accel: float, ahead: float) -> Array:
     parts = []
     for m in range(experiment.moves):
         knots, values = experiment.knots[experiment.log[m]]
         t = experiment.t[experiment.rows(m)]
         k0 = max(int(np.searchsorted(knots, t[0] - max(delay, 0.0))) - 2, 0)
         k1 = int(np.searchsorted(knots, t[-1] - min(delay, 0.0))) + 2
-        parts.append(quarters(t, knots[k0:k1], values[k0:k1], delay, accel))
+        parts.append(quarters(t, knots[k0:k1], values[k0:k1], delay, accel, ahead))
     return np.concatenate(parts)
 
 

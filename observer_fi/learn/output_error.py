@@ -191,6 +191,12 @@ def whiteness(r: Array) -> float:
     return float(chi2.sf(q, _WHITE_LAGS))
 
 
+def noise_floor(experiment: Experiment) -> float:
+    """What `nll_per_sample` is on average where only the noise is left [nats]."""
+    seen = experiment.weight > 0.0
+    return nll_per_sample(experiment, np.where(seen, 1.0, 0.0))
+
+
 def nll_per_sample(experiment: Experiment, r: Array) -> float:
     """Mean over the samples of minus the log-likelihood of the measured channels [nats, SI densities]."""
     seen = experiment.weight > 0.0

@@ -1,7 +1,7 @@
 """Files and lines to logs, and logs to moves."""
 
 from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
-from observer_fi.logs.acquisition import acquisition_of, with_logger
+from observer_fi.logs.acquisition import acquisition_of, with_logger, without_spikes
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
@@ -58,4 +58,5 @@ __all__ = [
     "suspect_units",
     "with_command",
     "with_logger",
+    "without_spikes",
 ]

@@ -95,7 +95,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
         traits = _in_motion(z[there], step, usual)
     noise = math.hypot(traits.noise_std, step or 0.0)
     traits = traits._replace(
-        update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise)
+        update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise).size
     )
     traits = traits._replace(travel=float(np.nanmax(z) - np.nanmin(z)) if (w_cmd != 0.0).any() else math.inf)
     if not rests:
@@ -145,13 +145,26 @@ def _as_white(noise: float, factor: float, lines: Sequence[Line], rounding: floa
 LINE_WEIGHT = 1.0
 
 
-def spikes_of(z: Array, w_cmd: Array, noise: float) -> int:
-    """Readings far from both neighbours, which are near each other, while the command stands still. noise: of readings."""
+def without_spikes(log: Log, acquisition: Acquisition) -> Log:
+    """The log with NaN for the spikes of its logger."""
+    z = log.z.copy()
+    for c, channel in enumerate(acquisition[:3]):
+        if channel.spikes:
+            noise = math.hypot(channel.noise_std, channel.resolution or 0.0)
+            z[spikes_of(log.z[:, c], log.w_cmd, noise), c] = np.nan
+    return replace(log, z=z)
+
+
+def spikes_of(z: Array, w_cmd: Array, noise: float) -> NDArray[np.int64]:
+    """Rows of readings far from both neighbours, which are near each other, while the command stands still.
+
+    noise: of readings.
+    """
     off, apart = z[1:-1] - 0.5 * (z[2:] + z[:-2]), np.abs(z[2:] - z[:-2])
     far = np.flatnonzero((np.abs(off) > FAR * noise) & (np.abs(off) > ALONE * apart)) + 1
     moved = np.flatnonzero(np.diff(w_cmd) != 0.0)
     unmoved = np.searchsorted(moved, far - UNMOVED) == np.searchsorted(moved, far + UNMOVED)
-    return int(np.count_nonzero(unmoved))
+    return far[unmoved]
 
 
 def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ from observer_fi.physics.scenario import (
     drawn_scenario,
     synthesise,
 )
-from observer_fi.physics.trapezoid import quarters
+from observer_fi.physics.trapezoid import planned, quarters
 
 __all__ = [
     "COLUMNS",
@@ -120,6 +120,7 @@ __all__ = [
     "paper_residuals",
     "parameters",
     "plant",
+    "planned",
     "quarters",
     "rig_toml",
     "rigs",

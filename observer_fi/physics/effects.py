@@ -8,7 +8,7 @@ Causes that move the readings in exactly the same way are aliases.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from observer_fi.physics.equations import PARAMETERS
 
@@ -22,7 +22,7 @@ class Coverage(NamedTuple):
     [N m]. current: what friction takes, A / Km [A]. resistance: of the winding [ohm]. heat: put into it [J]. length_s: of the
     log; step_s: between samples. voltage_noise [V], current_noise [A], position_noise [m]: standard deviations. turn: travel of
     a turn of the motor [m]; lead: of a turn of the screw [m], NaN where nobody knows. integral [rad] and acceleration [rad/s^2]:
-    the largest that the servo reached.
+    the largest that the servo reached. orders: of lines in a torque, per turn of the motor.
     """
 
     low: float = 0.0
@@ -42,6 +42,7 @@ class Coverage(NamedTuple):
     lead: float = 1.0
     integral: float = 1.0
     acceleration: float = 1.0
+    orders: tuple[float, ...] = ()
 
     @property
     def travel(self) -> float:
@@ -61,7 +62,7 @@ class Term:
     low, high: physical bounds. prior_std: weak knowledge of a shape (a time constant, a width), infinite for a size.
     shape: True where the parameter says how, not how much; it means nothing while the sizes are neutral. with_it: other
     parameters that move with this one, and by how much. per_log: True where the value belongs to one log, as the phase of
-    what turns does, for the zero of an angle is arbitrary.
+    what turns does, for the zero of an angle is arbitrary. step: of a shape for slopes, 0 for a share of its start.
     """
 
     parameter: str
@@ -72,6 +73,7 @@ class Term:
     prior_std: float = math.inf
     with_it: tuple[tuple[str, float], ...] = ()
     per_log: bool = False
+    step: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -238,6 +240,26 @@ def _shaft(c: Coverage) -> tuple[Variant, ...]:
     return tuple(Variant(f"order {k}", waves, (("shaft_order", float(k)),)) for k in orders)
 
 
+_NEAR_ORDER = 0.02  # relative: orders are as near as that where they are one
+
+
+def _gear(c: Coverage) -> tuple[Variant, ...]:
+    """Any other order of the motor's angle, from those that a look at the torque shows."""
+    screw = math.inf if math.isnan(c.lead) else c.turn / c.lead
+    known = [*range(1, 14), *(k * screw for k in (1, 2, 3))]
+    waves = _waves("gear_ripple", _small(c))
+    finest = c.turn / c.travel  # an order that much off is out of step once over the travel
+    return tuple(
+        Variant(f"order {o:.3g}", (*waves, _order(o, finest)))
+        for o in c.orders
+        if all(abs(o / k - 1.0) > _NEAR_ORDER for k in known)
+    )
+
+
+def _order(o: float, finest: float) -> Term:
+    return Term("gear_order", o, max(o - finest, 0.1 * o), o + finest, shape=True, step=0.03 * finest)
+
+
 def _screw(c: Coverage) -> tuple[Variant, ...]:
     """Per turn of the screw, unless nobody knows its lead or it turns with the motor."""
     if math.isnan(c.lead) or c.screw_is_shaft:
@@ -326,7 +348,10 @@ def _clamp(c: Coverage) -> tuple[Variant, ...]:
 
 def _slew(c: Coverage) -> tuple[Variant, ...]:
     term = Term("accel_limit", 0.99 * c.acceleration, 0.016 * c.acceleration)
-    return (Variant("plain", (term,), seen_by=(MOVES,)),)
+    return (
+        Variant("plain", (term,), seen_by=(MOVES,)),
+        Variant("planned", (term,), (("accel_ahead", 1.0),), seen_by=(MOVES,)),
+    )
 
 
 def _play(c: Coverage) -> tuple[Variant, ...]:
@@ -409,6 +434,13 @@ _TABLE = (
         separate_by="slow moves with the encoder logged: the ripple must stay with the motor angle",
     ),
     Cause(
+        "gear_ripple", "torque", "torque += T sin(n phi + phase), n any other number of turns of the motor",
+        "tooth mesh and run-out of a gear's later stages; order tracking",
+        _gear,
+        confused_with=("shaft_ripple", "screw_ripple"),
+        separate_by="steady moves at two speeds: a ripple of the gear keeps its order, a disturbance in time its frequency",
+    ),
+    Cause(
         "screw_ripple", "torque", "torque += T sin(2 pi n D phi/lead + phase)", "run-out of the lead screw",
         _screw,
         confused_with=("position_dependent_friction", "position_periodic_error"),
@@ -462,7 +494,8 @@ _TABLE = (
         separate_by="a full-speed start against pitch, which winds the integral up further",
     ),
     Cause(
-        "acceleration_limit", "servo", "the servo's own command slews at most a", "preset of the servo",
+        "acceleration_limit", "servo", "the servo's own command slews at most a, behind the given one or planned to end with it",
+        "preset of the servo",
         _slew,
         confused_with=("integrator_clamp",),
         separate_by="starts to several speeds, one below saturation",
@@ -567,6 +600,9 @@ def bounds(parameter: str, value: float) -> tuple[float, float]:
 
 def _term(parameter: str, scale: float) -> Term | None:
     """The first term of a parameter, on a rig and log of which everything is so large."""
-    coverage = Coverage(*(scale for _ in Coverage._fields))._replace(low=0.0, lead=3.0 * scale)
+    sizes: dict[str, Any] = dict.fromkeys(Coverage._fields[:-1], scale)
+    coverage = Coverage(**sizes)._replace(low=0.0, lead=3.0 * scale, orders=(0.5,))
+        low=0.0, lead=3.0 * scale, orders=(0.5,)
+    )
     forms = (v for cause in CAUSES.values() for v in cause.forms(coverage))
     return next((t for v in forms for t in v.terms if t.parameter == parameter), None)

@@ -66,6 +66,9 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "shaft_ripple_sin": ("N m", 0.0),
     "shaft_ripple_cos": ("N m", 0.0),
     "shaft_order": ("1", 1.0),
+    "gear_ripple_sin": ("N m", 0.0),
+    "gear_ripple_cos": ("N m", 0.0),
+    "gear_order": ("1", 0.5),
     "screw_ripple_sin": ("N m", 0.0),
     "screw_ripple_cos": ("N m", 0.0),
     "screw_lead": ("m", 1e-3),
@@ -90,6 +93,7 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "input_delay": ("s", 0.0),
     "integrator_limit": ("rad", math.inf),
     "accel_limit": ("rad/s^2", math.inf),
+    "accel_ahead": ("1", 0.0),
     "Kx": ("1/s", 0.0),
     "x_window": ("m", 0.0),
     # kinematics
@@ -159,6 +163,9 @@ VECTOR_SIZE = len(NAMES) + 1
     SHAFT_RIPPLE_SIN,
     SHAFT_RIPPLE_COS,
     SHAFT_ORDER,
+    GEAR_RIPPLE_SIN,
+    GEAR_RIPPLE_COS,
+    GEAR_ORDER,
     SCREW_RIPPLE_SIN,
     SCREW_RIPPLE_COS,
     SCREW_LEAD,
@@ -181,6 +188,7 @@ VECTOR_SIZE = len(NAMES) + 1
     INPUT_DELAY,
     INTEGRATOR_LIMIT,
     ACCEL_LIMIT,
+    ACCEL_AHEAD,
     KX,
     X_WINDOW,
     BACKLASH,
@@ -388,6 +396,9 @@ def load_torque(w, x, d, phi, theta, p):
         if any_of_rare(p[SHAFT_RIPPLE_SIN]) or any_of_rare(p[SHAFT_RIPPLE_COS]):
             shaft = p[SHAFT_ORDER] * phi
             torque += p[SHAFT_RIPPLE_SIN] * sin(shaft) + p[SHAFT_RIPPLE_COS] * cos(shaft)
+        if any_of_rare(p[GEAR_RIPPLE_SIN]) or any_of_rare(p[GEAR_RIPPLE_COS]):
+            gear = p[GEAR_ORDER] * phi
+            torque += p[GEAR_RIPPLE_SIN] * sin(gear) + p[GEAR_RIPPLE_COS] * cos(gear)
         if any_of_rare(p[SCREW_RIPPLE_SIN]) or any_of_rare(p[SCREW_RIPPLE_COS]):
             screw = phi * p[D] * 2.0 * math.pi / p[SCREW_LEAD]
             torque += p[COUPLING] * (p[SCREW_RIPPLE_SIN] * sin(screw) + p[SCREW_RIPPLE_COS] * cos(screw))

@@ -31,6 +31,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "contact": (0.0, 1.0),
     "stribeck_speed": (ABOVE_ZERO, 1e9),
     "shaft_order": (ABOVE_ZERO, 1e6),
+    "gear_order": (ABOVE_ZERO, 1e6),
     "screw_lead": (ABOVE_ZERO, 1e3),
     "bump_width": (ABOVE_ZERO, 1e3),
     "position_period": (ABOVE_ZERO, 1e3),

@@ -26,6 +26,8 @@ _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
 _FORMS = (
     "stribeck_speed",
     "shaft_order",
+    "gear_order",
+    "accel_ahead",
     "screw_lead",
     "heating_time",
     "sag_time",

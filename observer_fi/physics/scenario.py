@@ -210,13 +210,10 @@ def _readings(
         _follow_position(t, knots, values, theta, p, start, states)
         sim.readings(t, states, p, y)
         return y, states
-    delay, late, limit = (
-        model["input_delay"] + model["tick_phase"],
-        model["servo_delay"],
-        model["accel_limit"],
-    )
-    now = quarters(t, knots, values, delay, limit)
-    behind = quarters(t, knots, values, delay + late, limit) if late else now
+    delay, late = model["input_delay"] + model["tick_phase"], model["servo_delay"]
+    slew = model["accel_limit"], model["accel_ahead"]
+    now = quarters(t, knots, values, delay, *slew)
+    behind = quarters(t, knots, values, delay + late, *slew) if late else now
     sim.run(t, now, behind, np.ones(t.size, dtype=np.bool_), theta, p, start, states)
     sim.readings(t, states, p, y)
     return y, states

@@ -8,17 +8,50 @@ from observer_fi.numerics import compiled
 from observer_fi.records import Array
 
 
-def quarters(t: Array, knots: Array, values: Array, delay: float = 0.0, accel: float = math.inf) -> Array:
+def quarters(
+    t: Array, knots: Array, values: Array, delay: float = 0.0, accel: float = math.inf, ahead: float = 0.0
+) -> Array:
     """Command at the quarters of the interval from every sample on, (n, 4) rad/s, `delay` seconds late.
 
-    accel: what a servo with an acceleration limit of its own can follow [rad/s^2]. The first and third quarter are
+    accel: what a servo with an acceleration limit of its own can follow [rad/s^2]; ahead: other than 0 where it knows the
+    whole move (`planned`). The first and third quarter are
     set so that Simpson's rule over each half of the interval gives the exact integral of the piecewise linear command.
     """
     out = np.empty((t.size, 4))
+    if ahead and math.isfinite(accel):
+        knots, values = planned(knots, values, accel)
     _quarters(t, knots, values, delay, out)
     if math.isfinite(accel):
         _slew(t, accel, out)
     return out
+
+
+def planned(knots: Array, values: Array, accel: float) -> tuple[Array, Array]:
+    """The command of a servo that plans its moves: it brakes so early that its own ramp [rad/s^2] ends when the given one does.
+
+    knots, values: (m,) s, rad/s of a piecewise linear command; returns the same of another one, below it in size.
+    """
+    out = np.empty((2, 2 * knots.size))
+    count = _planned(knots, values, accel, out)
+    return out[0, -count:], out[1, -count:]
+
+
+@compiled
+def _planned(t, v, accel, out):
+    at = out.shape[1] - 1
+    out[0, at], out[1, at] = t[-1], v[-1]
+    u = abs(v[-1])
+    for k in range(t.size - 2, -1, -1):
+        dt, later, now = t[k + 1] - t[k], abs(v[k + 1]), abs(v[k])
+        slope = (now - later) / dt if dt > 0.0 else 0.0
+        if later > u and now < u + accel * dt:
+            back = (later - u) / (accel - slope)
+            at -= 1
+            out[0, at], out[1, at] = t[k + 1] - back, math.copysign(u + accel * back, v[k])
+        u = min(now, u + accel * dt)
+        at -= 1
+        out[0, at], out[1, at] = t[k], math.copysign(u, v[k])
+    return out.shape[1] - at
 
 
 @compiled

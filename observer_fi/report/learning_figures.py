@@ -125,7 +125,7 @@ def spectra(before: Residuals, after: Residuals, channel: int) -> str:
 def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> str:
     """The curve of every unexplained term with its band of two standard errors."""
     figure = Figure("smooth", WIDTH, 240.0, "What no named cause explains")
-    for k, term in enumerate(terms[:3]):
+    for k, term in enumerate([term for term in terms if term.at.size][:3]):
         label, scale = regressor(residuals, term.regressor)
         unit, factor = UNITS.get(term.equation, (term.equation, 1.0))
         order = np.argsort(term.at)
@@ -168,7 +168,7 @@ def of_improve(record: Improvement) -> dict[str, str]:
     for c, name in enumerate(record.before.channels):
         if c != main:
             drawn[f"curves_{name}"] = residual_curves(record.before, record.after, c)
-    if record.unexplained:
+    if any(term.at.size for term in record.unexplained):
         drawn["unexplained"] = smooth_curves(record.unexplained, record.before)
     if record.kept:
         drawn["kept"] = kept_curve(record.kept.curve)

@@ -175,13 +175,10 @@ def _start(state: Array, w_cmd: float, p: Array) -> Array:
 def _commands(t: Array, w_cmd: Array, p: Array) -> tuple[Array, Array]:
     """Command, and command as the proportional path sees it, at quarters of the intervals, (n, 4) each."""
     knots, values = corners(t, w_cmd, float(p[a.ACCEL_CMD]))
-    delay, late, limit = (
-        float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]),
-        float(p[a.SERVO_DELAY]),
-        float(p[a.ACCEL_LIMIT]),
-    )
-    now = quarters(t, knots, values, delay, limit)
-    return now, (quarters(t, knots, values, delay + late, limit) if late else now)
+    delay, late = float(p[a.INPUT_DELAY] + p[a.TICK_PHASE]), float(p[a.SERVO_DELAY])
+    slew = float(p[a.ACCEL_LIMIT]), float(p[a.ACCEL_AHEAD])
+    now = quarters(t, knots, values, delay, *slew)
+    return now, (quarters(t, knots, values, delay + late, *slew) if late else now)
 
 
 @compiled
