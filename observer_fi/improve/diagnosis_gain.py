@@ -89,10 +89,11 @@ def pieces(log: Log, rows: int = CHUNK_ROWS) -> list[Log]:
         if rest - cuts[-1] > rows and last > cuts[-1]:
             cuts.append(last)
         last = rest
-    return [_part(log, slice(a, b)) for a, b in pairwise([*cuts, log.t.size])]
+    return [part_of(log, slice(a, b)) for a, b in pairwise([*cuts, log.t.size])]
 
 
-def _part(log: Log, rows: slice) -> Log:
+def part_of(log: Log, rows: slice) -> Log:
+    """Some rows of a log as a log."""
     given = {name: getattr(log, name) for name in _SAMPLES}
     samples: dict[str, Any] = {name: None if every is None else every[rows] for name, every in given.items()}
     return replace(log, **samples)

@@ -10,6 +10,7 @@ from observer_fi.improve.calculated_force import calculated_force
 from observer_fi.improve.freed_equations import FreedEquation
 from observer_fi.improve.keep_curve import Kept
 from observer_fi.improve.ladder import name_causes
+from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
 from observer_fi.improve.problem import Candidate, F, Ladder, Measure, Problem, Step
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
@@ -62,7 +63,7 @@ class Improvement:
     cause the smallest size that these logs could have shown, by parameter, or None where they cannot speak about the cause.
     refused: causes that were tried last, with their net nats. freed: for each equation of the refitted rig how much the data
     want it free, the most wanted first; disturbances: what that looks like; both empty where no move is simulated. excitations:
-    what each log holds.
+    what each log holds. new_moves: what `diagnose` makes of moves that no fit saw; extended_rig is the one that does best there.
     """
 
     rig: Rig
@@ -83,6 +84,7 @@ class Improvement:
     freed: tuple[FreedEquation, ...]
     disturbances: tuple[SmoothedDisturbance, ...]
     excitations: tuple[Excitation, ...]
+    new_moves: NewMoves = UNSEEN
 
 
 def improve(
@@ -109,7 +111,10 @@ def improve(
     problem = simulated_moves(commanded, with_servo(commanded, rig), moves, settings)
     ladder = problem.reconsidered(name_causes(problem, progress))
     found = improvement_of(problem, ladder, progress, keep_unexplained)
-    return replace(found, extended_rig=with_logger(found.extended_rig, commanded))
+    progress("what diagnose says of moves that no fit saw")
+    counts = new_moves(problem, ladder, rig)
+    best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
+    return replace(found, extended_rig=with_logger(best, commanded), new_moves=counts)
 
 
 def improvement_of(
@@ -244,6 +249,10 @@ def to_json(record: Improvement) -> dict[str, Any]:
             for u in record.unexplained
         ],
         "extended": asdict(record.extended),
+        "new_moves": {
+            **{name: getattr(record.new_moves, name)._asdict() for name in ("rig_file", "refit", "extended")},
+            "written": record.new_moves.best,
+        },
         "freed": [asdict(row) for row in record.freed],
     } | ({"kept": _kept_json(record, record.kept)} if record.kept else {})
 

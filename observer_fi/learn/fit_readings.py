@@ -13,10 +13,13 @@ import numpy as np
 
 from observer_fi.logs import Readings as FreshReadings
 from observer_fi.logs import acquisition_of, even, without_spikes
+from observer_fi.numerics import runs
 from observer_fi.physics import Rig
-from observer_fi.records import Array, ChannelTraits, Log
+from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
+_OFF = 4.0  # standard deviations: a drive that is off drives nothing
+_OFF_S = 0.05
 _FEWEST = 100  # settled samples for an estimate of the noise
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
@@ -41,12 +44,29 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
         clock = acquisition.clock
         if clock.resolution_s:
             log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
-        fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std, blind=False).take(log)
-        taken.append(without_spikes(fresh, acquisition))
+        fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std).take(log)
+        taken.append(without_drive_off(without_spikes(fresh, acquisition), acquisition))
     found = np.array([_usual(column) for column in np.array(estimates).T])
     usual = rig.file_noise_std
     noise = np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
     return Readings(taken, noise, tuple(hum))
+
+
+def without_drive_off(log: Log, acquisition: Acquisition) -> Log:
+    """The log with NaN for voltage and current where the drive is off: both at their zero for long, at a rest after a move.
+
+    A servo that is on holds the current at which friction stopped the mass.
+    """
+    zero = np.array([acquisition.voltage.offset, acquisition.current.offset])
+    noise = np.array([math.hypot(c.noise_std, c.resolution or 0.0) for c in acquisition[:2]])
+    off = (np.abs(log.z[:, :2] - zero) <= _OFF * noise).all(axis=1) & (log.w_cmd == 0.0)
+    z = log.z.copy()
+    moved = False
+    for first, last in zip(*runs(off), strict=True):
+        moved = moved or bool((log.w_cmd[:first] != 0.0).any())
+        if moved and log.t[last - 1] - log.t[first] > _OFF_S:
+            z[first:last, :2] = np.nan
+    return replace(log, z=z)
 
 
 def since_change(t: Array, w_cmd: Array) -> Array:

@@ -21,20 +21,16 @@ AGES = np.append(0, 4 ** np.arange(31))  # ticks that a reading has stood for wh
 
 
 class Readings:
-    """The readings of one log, chunk by chunk. blind: a channel that covers too few steps to tell anything is left out."""
+    """The readings of one log, chunk by chunk."""
 
-    def __init__(
-        self, acquisition: Acquisition, rate_hz: float, noise_std: Array, blind: bool = True
-    ) -> None:
+    def __init__(self, acquisition: Acquisition, rate_hz: float, noise_std: Array) -> None:
         channels = (acquisition.voltage, acquisition.current, acquisition.position)
         self.every = [_ticks(c, rate_hz) for c in channels]
         self.stands = [
             c.resolution is not None and c.resolution > STANDING * max(c.noise_std, usual)
             for c, usual in zip(channels, noise_std.tolist(), strict=True)
         ]
-        self.dark = [
-            blind and (c.travel == 0.0 or c.travel < FEWEST_STEPS * (c.resolution or 0.0)) for c in channels
-        ]
+        self.dark = [c.travel == 0.0 or c.travel < FEWEST_STEPS * (c.resolution or 0.0) for c in channels]
         self.rate_hz = rate_hz
         self.last = np.full(
             3, np.nan

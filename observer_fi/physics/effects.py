@@ -602,7 +602,5 @@ def _term(parameter: str, scale: float) -> Term | None:
     """The first term of a parameter, on a rig and log of which everything is so large."""
     sizes: dict[str, Any] = dict.fromkeys(Coverage._fields[:-1], scale)
     coverage = Coverage(**sizes)._replace(low=0.0, lead=3.0 * scale, orders=(0.5,))
-        low=0.0, lead=3.0 * scale, orders=(0.5,)
-    )
     forms = (v for cause in CAUSES.values() for v in cause.forms(coverage))
     return next((t for v in forms for t in v.terms if t.parameter == parameter), None)

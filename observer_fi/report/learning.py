@@ -153,7 +153,15 @@ def excitation_sentence(shown: Excitation) -> str:
 
 
 def improve_headline(record: Improvement) -> str:
-    """One line: what the simulation misses."""
+    """One line: what the simulation misses, and which rig file is handed over where that is not the extended one."""
+    written = {
+        "rig_file": "; the rig file as given does best on new moves",
+        "refit": "; the refitted rig does best on new moves",
+    }
+    return _missing(record) + written.get(record.new_moves.best, "")
+
+
+def _missing(record: Improvement) -> str:
     named = [plain(f.cause) for f in record.findings]
     rest = " and something without a name" if record.unexplained else ""
     if not named:

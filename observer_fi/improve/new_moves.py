@@ -1,0 +1,94 @@
+"""What a better model is worth on measured moves that its fit never saw, and which rig file is handed over.
+
+The moves of the logs should be healthy. Each is diagnosed as a log of its own, with the rig file, the refitted and the
+extended rig, the constants of the latter two fitted without it; what is never fitted with a move cannot remember it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.improve.diagnosis_gain import part_of
+from observer_fi.improve.problem import Ladder
+from observer_fi.improve.simulated_moves import SimulatedMoves
+from observer_fi.learn import FitResult, without_moves
+from observer_fi.logs import moves_from_rest
+from observer_fi.physics import Rig, with_values
+from observer_fi.records import Log
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+
+MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
+_REST_S = 1.0  # of the rests around a move
+
+
+class Count(NamedTuple):
+    """Measured healthy moves that no fit saw, and how many of them `diagnose` calls faulty."""
+
+    moves: int
+    false_alarms: int
+
+
+class NewMoves(NamedTuple):
+    """By rig: its file as given, refitted, extended. best: the name of the one that is handed over."""
+
+    rig_file: Count
+    refit: Count
+    extended: Count
+    best: str
+
+
+UNSEEN = NewMoves(Count(0, 0), Count(0, 0), Count(0, 0), "extended")
+
+
+def new_moves(problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig) -> NewMoves:
+    """`diagnose` on moves that no fit saw; of rigs that do equally well there, the one that explains held-out moves best."""
+    chosen = np.unique(np.linspace(0, problem.experiment.moves - 1, MOST_MOVES).astype(int)).tolist()
+    parts = [(m, part) for m in chosen for part in (_part(problem, m),) if part is not None]
+    extended = problem.extended_rig(ladder)
+    rigs: dict[str, Callable[[int], Rig]] = {
+        "rig_file": lambda m: given,
+        "refit": lambda m: _without(problem.rig, ladder.baseline, m),
+        "extended": lambda m: _without(extended, ladder.extended, m),
+    }
+    counts = {
+        name: Count(len(parts), sum(_is_alarm(part, rig(m)) for m, part in parts))
+        for name, rig in rigs.items()
+    }
+    worse = problem.measure(ladder.extended).nll_per_sample > problem.measure(ladder.baseline).nll_per_sample
+    order = ("refit", "extended", "rig_file") if worse else ("extended", "refit", "rig_file")
+    return NewMoves(**counts, best=min(order, key=lambda name: counts[name].false_alarms))
+
+
+def handed_over(
+    problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig, extended: Rig, best: str
+) -> Rig:
+    """The rig that did best on new moves. extended: with everything that was found, a curve included."""
+    if best == "rig_file":
+        return given
+    return with_values(problem.rig, problem.values(ladder.baseline)) if best == "refit" else extended
+
+
+def _part(problem: SimulatedMoves, move: int) -> Log | None:
+    """One move with its rests as a log of its own."""
+    experiment = problem.experiment
+    log = problem.logs[experiment.log[move]]
+    begin = int(experiment.start[move] + experiment.moving[move])
+    segment = next((s for s in moves_from_rest(log) if s.start == begin), None)
+    if segment is None:
+        return None
+    rest = round(_REST_S * log.rate_hz)
+    rows = slice(max(segment.rest, segment.start - rest), min(segment.end, segment.stop + rest))
+    return part_of(log, rows)
+
+
+def _without(rig: Rig, fitted: FitResult, move: int) -> Rig:
+    """The rig with the constants of a fit that never saw a move."""
+    model = without_moves(fitted, [move])
+    return with_values(rig, {f.name: model[f.name] for f in fitted.free}, fitted.std, "improve")
+
+
+def _is_alarm(part: Log, rig: Rig) -> bool:
+    found = diagnose_log(part, rig, Settings()).isolation
+    return found is not None and any(event.label not in ("nominal", "not_tested") for event in found.events)
