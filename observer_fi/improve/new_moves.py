@@ -65,9 +65,12 @@ def handed_over(
     problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig, extended: Rig, best: str
 ) -> Rig:
     """The rig that did best on new moves. extended: with everything that was found, a curve included."""
-    if best == "rig_file":
-        return given
-    return with_values(problem.rig, problem.values(ladder.baseline)) if best == "refit" else extended
+    if best != "refit":
+        return given if best == "rig_file" else extended
+    fitted = ladder.baseline
+    return with_values(
+        problem.rig, {f.name: fitted.model[f.name] for f in fitted.free}, fitted.std, "improve"
+    )
 
 
 def _part(problem: SimulatedMoves, move: int) -> Log | None:
