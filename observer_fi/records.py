@@ -14,6 +14,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 CHANNELS = ("voltage", "current", "position")
+SAMPLES = (
+    "t",
+    "z",
+    "w_cmd",
+    "pitch",
+    "encoder",
+    "force",
+    "position_cmd",
+    "load",
+)  # fields of a Log with a value a sample
 
 
 class Gap(NamedTuple):
@@ -37,8 +47,8 @@ class Log:
     """Measured channels on one clock; NaN marks a sample that is missing or was rejected.
 
     t (n,) s; z (n, 3) voltage [V], current [A], position [m]; w_cmd (n,) rad/s at the sample instant; pitch (n,) deg;
-    encoder (n,) rad, force (n,) N, position_cmd (n,) m, each or None. A long log comes as several of these, in order;
-    `first_row` is the number of samples before this one.
+    encoder (n,) rad, force (n,) N, position_cmd (n,) m, load (n,) N, each or None. A long log comes as several of these,
+    in order; `first_row` is the number of samples before this one.
     """
 
     path: str
@@ -49,6 +59,7 @@ class Log:
     encoder: Array | None = None
     force: Array | None = None
     position_cmd: Array | None = None
+    load: Array | None = None
     sha256: str = ""
     metadata: tuple[str, ...] = ()
     gaps: tuple[Gap, ...] = ()
@@ -61,6 +72,12 @@ class Log:
     def rate_hz(self) -> float:
         """Median sampling rate [Hz]. Kept: a long log is asked for it at every move."""
         return float(1.0 / np.median(np.diff(self.t))) if self.t.size > 1 else float("nan")
+
+    def part(self, rows: slice) -> "Log":
+        """These samples of every channel; what is said of the whole log stays."""
+        given = ((name, getattr(self, name)) for name in SAMPLES)
+        cut: dict[str, Any] = {name: None if every is None else every[rows] for name, every in given}
+        return replace(self, **cut)
 
 
 class Segment(NamedTuple):

@@ -224,4 +224,5 @@ class LogStream:
         w = np.interp(t, known, np.append(self.w, log.w_cmd))
         theta = np.interp(t, known, np.append(self.theta, log.pitch))
         z = np.where(own[:, None], log.z[rows], np.nan)
-        return replace(log, t=t, z=z, w_cmd=w, pitch=theta), own
+        load = None if log.load is None else np.interp(t, log.t, log.load)
+        return replace(log, t=t, z=z, w_cmd=w, pitch=theta, load=load), own

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from observer_fi.verdict import diagnose_log, scenarios, scores
 
 CASES = 24  # simulated logs: a third healthy, a third each fault, half of them in the start
 FAULTS = OPEN_LOOP[1:]
-_SAMPLES = ("t", "z", "w_cmd", "pitch", "encoder", "force", "position_cmd")
 
 
 class DiagnosisGain(NamedTuple):
@@ -89,11 +88,4 @@ def pieces(log: Log, rows: int = CHUNK_ROWS) -> list[Log]:
         if rest - cuts[-1] > rows and last > cuts[-1]:
             cuts.append(last)
         last = rest
-    return [part_of(log, slice(a, b)) for a, b in pairwise([*cuts, log.t.size])]
-
-
-def part_of(log: Log, rows: slice) -> Log:
-    """Some rows of a log as a log."""
-    given = {name: getattr(log, name) for name in _SAMPLES}
-    samples: dict[str, Any] = {name: None if every is None else every[rows] for name, every in given.items()}
-    return replace(log, **samples)
+    return [log.part(slice(a, b)) for a, b in pairwise([*cuts, log.t.size])]

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.improve.diagnosis_gain import part_of
 from observer_fi.improve.problem import Ladder
 from observer_fi.improve.simulated_moves import SimulatedMoves
 from observer_fi.learn import FitResult, without_moves
@@ -83,7 +82,7 @@ def _part(problem: SimulatedMoves, move: int) -> Log | None:
         return None
     rest = round(_REST_S * log.rate_hz)
     rows = slice(max(segment.rest, segment.start - rest), min(segment.end, segment.stop + rest))
-    return part_of(log, rows)
+    return log.part(rows)
 
 
 def _without(rig: Rig, fitted: FitResult, move: int) -> Rig:

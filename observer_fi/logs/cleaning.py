@@ -257,6 +257,7 @@ def _log(block: Block, tally: Tally) -> Log:
         encoder=_optional("encoder_rad", block, good, tally, masked),
         force=_optional("force_cmd_n", block, good, tally, masked),
         position_cmd=_optional("position_cmd_m", block, good, tally, masked),
+        load=_input("load_n", 0.0, block, t, tally, masked) if "load_n" in block.values else None,
         metadata=tally.table.metadata,
         gaps=_gaps(t, good, block.rows, tally),
         rejected=tuple(sorted(masked.entries)),
@@ -390,7 +391,8 @@ def column_notes(table: Table) -> tuple[str, ...]:
         "pitch_deg": "pitch_deg is absent: taken as 0",
         "speed_cmd_rad_s": "speed_cmd_rad_s is absent: it has to be recovered from the data",
     }
-    return (*table.notes, *table.remarks) + tuple(
+    unused = ("load_n is read; no equation uses it",) if "load_n" in table.columns else ()
+    return (*table.notes, *table.remarks, *unused) + tuple(
         note for column, note in notes.items() if column not in table.columns
     )
 

@@ -27,6 +27,7 @@ class Kind(NamedTuple):
 
 _SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
+_FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605}
 
 # Limits are far beyond any actuator this is for: what exceeds them is a fault of the logger.
 COLUMNS: dict[str, Kind] = {
@@ -38,7 +39,8 @@ COLUMNS: dict[str, Kind] = {
     "speed_cmd_rad_s": Kind("rad/s", _SPEEDS, 1e5),
     "encoder_rad": Kind("rad", _ANGLES, 1e9),
     "position_cmd_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
-    "force_cmd_n": Kind("N", {"N": 1.0, "mN": 1e-3, "kN": 1e3}, 1e6),
+    "force_cmd_n": Kind("N", _FORCES, 1e6),
+    "load_n": Kind("N", _FORCES, 1e6),
 }
 _SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "°": "deg"})
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from observer_fi.logs.columns import COLUMNS, PLAIN, ColumnMap, load_columns
 from observer_fi.logs.formats.registry import SUFFIXES, open_table
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.tables import Block, RowCount, Table
-from observer_fi.records import Array, Log
+from observer_fi.records import SAMPLES, Array, Log
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -132,19 +132,10 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
     """Logs one behind the other, with the lists and notes of the whole file."""
     first = logs[0]
     if len(logs) > 1:
-        encoder = [log.encoder for log in logs if log.encoder is not None]
-        force = [log.force for log in logs if log.force is not None]
-        position_cmd = [log.position_cmd for log in logs if log.position_cmd is not None]
-        first = replace(
-            first,
-            t=np.concatenate([log.t for log in logs]),
-            z=np.concatenate([log.z for log in logs]),
-            w_cmd=np.concatenate([log.w_cmd for log in logs]),
-            pitch=np.concatenate([log.pitch for log in logs]),
-            encoder=_concatenated(encoder),
-            force=_concatenated(force),
-            position_cmd=_concatenated(position_cmd),
-        )
+        joined: dict[str, Any] = {
+            name: _concatenated([getattr(log, name) for log in logs]) for name in SAMPLES
+        }
+        first = replace(first, **joined)
     return replace(
         first,
         gaps=whole.gaps,
@@ -154,5 +145,7 @@ def _joined(logs: list[Log], whole: Summary) -> Log:
     )
 
 
-def _concatenated(parts: list[Array]) -> Array | None:
-    return np.concatenate(parts) if parts else None
+def _concatenated(parts: list[Array | None]) -> Array | None:
+    """One array of those of all logs, None for a channel that the file does not have."""
+    there = [part for part in parts if part is not None]
+    return np.concatenate(there) if there else None

@@ -290,6 +290,8 @@ def csv_bytes(log: Log, compress: bool = False) -> bytes:
     extra = {"speed_cmd_rad_s": log.w_cmd}
     if log.position_cmd is not None and log.encoder is not None:
         extra = {"position_cmd_m": log.position_cmd, "encoder_rad": log.encoder}
+    if log.load is not None:
+        extra["load_n"] = log.load
     out = io.StringIO()
     for line in log.metadata:
         out.write(f"# {line}\n")

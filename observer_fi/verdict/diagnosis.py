@@ -91,7 +91,7 @@ def diagnose(
 
 def _pieces(log: Log) -> Iterator[Log]:
     for first in range(0, log.t.size, CHUNK_ROWS):
-        yield _part(log, slice(first, first + CHUNK_ROWS))
+        yield log.part(slice(first, first + CHUNK_ROWS))
 
 
 def diagnose_log(
@@ -361,9 +361,9 @@ class Baseline:
             first = min(int(np.searchsorted(log.t, detected_s)), log.t.size - 1)
             state = e.states[first, :3]
             self.mixture = Mixture(
-                self.rig, state, before=_part(log, slice(max(first - 80, 0), first)) if first else None
+                self.rig, state, before=log.part(slice(max(first - 80, 0), first)) if first else None
             )
-            log, active = _part(log, slice(first, None)), e.active[first:]
+            log, active = log.part(slice(first, None)), e.active[first:]
         else:
             active = e.active
         if self.mixture is None or self.ended or not log.t.size:
@@ -371,7 +371,7 @@ class Baseline:
         stopped = np.flatnonzero((log.w_cmd == 0.0) & ~active)
         if stopped.size:
             self.ended = True
-            log = _part(log, slice(None, max(int(stopped[0]), 1)))
+            log = log.part(slice(None, max(int(stopped[0]), 1)))
         self._advance(log)
 
     def _advance(self, log: Log) -> None:
@@ -395,14 +395,6 @@ class Baseline:
         t, norm, y = (np.concatenate([p[k] for p in self.points]) for k in range(3))
         every = slice(None, None, max(1, t.size // MIXTURE_POINTS))
         return t[every], norm[every], y[every]
-
-
-def _part(log: Log, rows: slice) -> Log:
-    return replace(
-        log, t=log.t[rows], z=log.z[rows], w_cmd=log.w_cmd[rows], pitch=log.pitch[rows],
-        encoder=None if log.encoder is None else log.encoder[rows], force=None if log.force is None else log.force[rows],
-        position_cmd=None if log.position_cmd is None else log.position_cmd[rows],
-    )  # fmt: skip
 
 
 __all__ = ["Diagnosis", "Run", "diagnose", "diagnose_log", "judged", "make_bank"]

@@ -127,7 +127,7 @@ def _start(log: Log) -> Log | None:
         first, last = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))
         if move.start - max(first, move.rest) >= FEWEST and min(last, move.stop) - move.start >= FEWEST:
             part = slice(max(int(first), move.rest), int(min(last, move.stop)))
-            return replace(log, t=log.t[part], z=log.z[part], w_cmd=log.w_cmd[part], pitch=log.pitch[part])
+            return log.part(part)
     return None
 
 

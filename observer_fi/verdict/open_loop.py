@@ -142,18 +142,7 @@ def open_loop(
 
 def cut(log: Log, first: int, last: int | None = None) -> Log:
     """Samples first:last of a log."""
-    part = slice(first, last)
-    return replace(
-        log,
-        t=log.t[part],
-        z=log.z[part],
-        w_cmd=log.w_cmd[part],
-        pitch=log.pitch[part],
-        encoder=None if log.encoder is None else log.encoder[part],
-        force=None if log.force is None else log.force[part],
-        position_cmd=None if log.position_cmd is None else log.position_cmd[part],
-        first_row=log.first_row + first,
-    )
+    return replace(log.part(slice(first, last)), first_row=log.first_row + first)
 
 
 def under_way(w_cmd: Array) -> NDArray[np.bool_]:

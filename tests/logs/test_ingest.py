@@ -26,21 +26,23 @@ from scenarios import (
     healthy_rows,
 )
 
+from observer_fi.bank.log_feed import LogStream
 from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.improve.diagnosis_gain import pieces
 from observer_fi.logs.columns import COLUMNS as KINDS
-from observer_fi.logs.columns import load_columns
+from observer_fi.logs.columns import columns_from_table, load_columns
 from observer_fi.logs.ingest import log_from_frame, log_name, open_log, read_log
 from observer_fi.logs.moves import log_segments
 from observer_fi.logs.tables import LISTED, plain
 from observer_fi.logs.units import suspect_units
 from observer_fi.physics.rigs import load_rig
-from observer_fi.records import Log
-
-FIELDS = ("t", "z", "w_cmd", "pitch", "encoder", "force")
+from observer_fi.physics.scenario import csv_bytes
+from observer_fi.records import SAMPLES, Log
+from observer_fi.verdict.open_loop import cut
 
 
 def same(a: Log, b: Log) -> bool:
-    pairs = [(getattr(a, name), getattr(b, name)) for name in FIELDS]
+    pairs = [(getattr(a, name), getattr(b, name)) for name in SAMPLES]
     return all((p is None and q is None) or np.array_equal(p, q, equal_nan=True) for p, q in pairs)
 
 
@@ -188,6 +190,36 @@ def test_force_instead_of_current(tmp_path: Path) -> None:
     log = read_log(write_rows(tmp_path / "log.csv", healthy_rows(), header))
     assert log.force is not None and np.isnan(log.z[:, 1]).all()
     assert any("force_cmd_n" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("rows", [7, 640])
+def test_a_load_survives_chunks_gaps_and_cuts(rows: int, tmp_path: Path) -> None:
+    table = healthy_rows()
+    loads = np.linspace(-2.0, 3.0, len(table))
+    given = [[*row, f"{load:.6f}"] for row, load in zip(table, loads, strict=True)]
+    given[17][-1] = ""  # a model needs it at every sample
+    path = write_rows(tmp_path / "log.csv", given, (*COLUMNS, "Last"))
+    column_map = columns_from_table({"columns": {"load_n": {"header": "Last", "unit": "kN"}}})
+    log = read_log(path, column_map)
+    assert log.load is not None and np.allclose(log.load, 1e3 * loads, atol=0.01)
+    assert [(r.row, r.column) for r in log.rejected] == [(18, "load_n")]
+    parts = [part.load for part in open_log(path, column_map).chunks(rows)]
+    assert np.array_equal(np.concatenate([part for part in parts if part is not None]), log.load)
+    assert np.array_equal(cut(log, 100, 900).load, log.load[100:900])
+    assert sum(piece.load.size for piece in pieces(log, 400) if piece.load is not None) == log.t.size
+    kept = np.append(np.arange(700), np.arange(760, log.t.size))  # a gap, which a bank fills
+    holed = replace(log, **{f: getattr(log, f)[kept] for f in SAMPLES if getattr(log, f) is not None})
+    filled, own = LogStream().take(holed)
+    assert filled.load is not None and filled.load.size == filled.t.size == own.size > holed.t.size
+    assert np.allclose(filled.load, np.interp(filled.t, log.t, log.load), atol=1e-6)
+    assert read_log(write_rows(tmp_path / "without.csv", table)).load is None
+
+
+def test_a_load_is_written_and_read_again(tmp_path: Path) -> None:
+    log = read_log(write_rows(tmp_path / "log.csv", healthy_rows()))
+    path = tmp_path / "again.csv"
+    path.write_bytes(csv_bytes(replace(log, load=np.full(log.t.size, 12.5))))
+    assert np.array_equal(read_log(path).load, np.full(log.t.size, 12.5))
 
 
 def test_a_unit_that_cannot_be_right_for_the_rig_is_noted(tmp_path: Path) -> None:
