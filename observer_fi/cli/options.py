@@ -52,7 +52,7 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 def add_logs(parser: argparse.ArgumentParser) -> None:
     """Which logs, and how their columns are called."""
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="CSV, CSV.gz, Parquet, TDMS or LVM")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="CSV, CSV.gz, Parquet, TDMS, LVM, MAT or MDF")
     parser.add_argument("--columns", metavar="MAP.toml", help="names and units of the log's columns")
     parser.add_argument("--name", help="name of the output folder (the log's name)")
 

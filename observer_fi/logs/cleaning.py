@@ -21,6 +21,7 @@ SLOWEST_STEP_S = (
 )
 FASTEST_HZ = 1e6  # nothing of an actuator happens in a microsecond: beyond this a clock is not in seconds
 STUCK_ROWS = 10_000  # rows in a row without a new time: the clock stands still
+LATEST_STAMP_S = 1.6e10  # since 1970: the year 2477
 WRONG_UNIT = 0.25  # of the samples beyond the limit
 GAP = 1.5  # of the median sampling interval
 JITTER = 0.25  # of the median sampling interval
@@ -44,7 +45,8 @@ class Summary(NamedTuple):
 
 @dataclass
 class Tally:
-    """What is carried from one block of a file to the next. step: median interval of the first block [s]."""
+    """What is carried from one block of a file to the next. step: median interval of the first block [s];
+    start: of a clock that counts from 1970 on, in the file's unit."""
 
     path: str
     column_map: ColumnMap
@@ -52,6 +54,7 @@ class Tally:
     samples: int = 0
     left_out: int = 0
     step: float = float("nan")
+    start: float | None = None
     last_t: float = float("nan")
     last_input: dict[str, float] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
@@ -105,7 +108,7 @@ def _ending_on_a_time(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
     held: list[Block] = []
     last = float("nan")
     for raw in blocks:
-        block = joined_blocks([*held, _in_units(raw, tally.column_map)])
+        block = joined_blocks([*held, _in_units(raw, tally)])
         time = block.values["time_s"]
         timed = np.flatnonzero(np.isfinite(time))
         end = 0
@@ -129,16 +132,29 @@ def _check_alive(rest: Block, tally: Tally) -> None:
         )
 
 
-def _in_units(block: Block, column_map: ColumnMap) -> Block:
+def _in_units(block: Block, tally: Tally) -> Block:
+    column_map = tally.column_map
     values = {}
     with np.errstate(over="ignore"):
         for column, raw in block.values.items():
             factor, plain = column_map.source(column).factor, _quiet(raw)
+            if column == "time_s" and column_map.source(column).epoch:
+                plain = _since_start(plain, factor, tally)
             values[column] = plain if factor == 1.0 else plain * factor
     time, limit = values["time_s"], column_map.limit("time_s")
     if not (np.abs(time) <= limit).all():
         values["time_s"] = np.where(np.abs(time) > limit, np.inf, time)
     return _with_values(block._replace(values=values))
+
+
+def _since_start(stamps: Array, factor: float, tally: Tally) -> Array:
+    """Times since 1970, in units of `factor` [s], from the first one of the file on."""
+    known = np.abs(stamps * factor) < LATEST_STAMP_S
+    if tally.start is None and known.any():
+        tally.start = float(stamps[known][0])
+        begin = np.datetime64(round(tally.start * factor * 1e6), "us")
+        tally.table.remarks.append(f"time stamps are absolute: time_s is 0 at {begin} UTC")
+    return stamps - (tally.start or 0.0)
 
 
 def _quiet(values: Array) -> Array:

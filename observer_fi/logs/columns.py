@@ -29,9 +29,13 @@ _SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
 _FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605}
 
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+STAMPS = "datetime"  # the unit of time stamps as texts, or of a type of the file's own
+_ABSOLUTE = {STAMPS: 1.0} | {f"epoch {unit}": factor for unit, factor in _TIMES.items()}
+
 # Limits are far beyond any actuator this is for: what exceeds them is a fault of the logger.
 COLUMNS: dict[str, Kind] = {
-    "time_s": Kind("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}, 1e11),
+    "time_s": Kind("s", {**_TIMES, "min": 60.0, **_ABSOLUTE}, 1e11),
     "voltage_v": Kind("V", {"V": 1.0, "mV": 1e-3}, 1e3),
     "current_a": Kind("A", {"A": 1.0, "mA": 1e-3, "uA": 1e-6}, 1e3),
     "position_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
@@ -46,10 +50,17 @@ _SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "°": "deg"})
 
 
 class Source(NamedTuple):
-    """Where a column comes from: header in the file, and the factor from its unit to that of the contract."""
+    """Where a column comes from: header in the file, and the factor from its unit to that of the contract.
+
+    stamps: its fields are dates and times of day, the latter under the header time_of_day, if that is not None. epoch: its
+    numbers count from 1970 on. Of either the log begins at zero.
+    """
 
     header: str
     factor: float = 1.0
+    stamps: bool = False
+    epoch: bool = False
+    time_of_day: str | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +92,7 @@ class ColumnMap:
 PLAIN = ColumnMap()
 
 _TOP = ("separator", "decimal_comma", "header_line", "data_line", "encoding", "missing", "columns", "limits")
-_ENTRY = ("header", "unit", "factor")
+_ENTRY = ("header", "unit", "factor", "time_of_day")
 _NAMED_SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 _PART_OF_NUMBERS = "+-.\"'#_eE0123456789"
 _SAMPLE = "time_s;1,5\n-2.5e-3\t"
@@ -125,6 +136,7 @@ def _map_file() -> Any:
         model_config = ConfigDict(strict=True, extra="forbid")
         header: text | None = None  # type: ignore[valid-type]
         unit: str | None = None
+        time_of_day: text | None = None  # type: ignore[valid-type]
         factor: Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)] = 1.0
 
     class MapFile(BaseModel):
@@ -193,7 +205,17 @@ def _source(name: str, entry: Any) -> Source:
     if abs(entry.factor) < 1e-15 or (name == "time_s" and entry.factor < 0.0):
         wanted = "above 0" if name == "time_s" else "other than 0"
         raise UsageError(f"columns.{name}.factor must be a number {wanted}, got {entry.factor!r}")
-    return Source(entry.header or name, kind.units[plain] * entry.factor)
+    stamps = plain == STAMPS
+    if entry.time_of_day is not None and not stamps:
+        raise UsageError(
+            f'columns.{name}.time_of_day: only of time_s with unit = "{STAMPS}", beside the header of the date'
+        )
+    if stamps and entry.factor != 1.0:
+        raise UsageError(
+            f'columns.{name}.factor: time stamps (unit = "{STAMPS}") have none, got {entry.factor!r}'
+        )
+    factor, epoch = kind.units[plain] * entry.factor, plain.startswith("epoch")
+    return Source(entry.header or name, factor, stamps, epoch, entry.time_of_day)
 
 
 def _separator(text: str | None) -> str | None:

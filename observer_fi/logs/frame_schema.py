@@ -5,8 +5,11 @@ docs/decisions/0002-schema-checks.md says why files do not pass through it.
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, PLAIN, missing_column
+from observer_fi.logs.formats.stamps import Stamps
 from observer_fi.logs.tables import REQUIRED, not_a_number
 
 if TYPE_CHECKING:
@@ -31,6 +34,16 @@ def log_schema() -> "pa.DataFrameSchema":
             for name in COLUMNS
         }
     )
+
+
+def with_seconds(frame: "pd.DataFrame", path: str, remarks: list[str]) -> "pd.DataFrame":
+    """The frame with seconds where time_s holds time stamps of pandas; remarks: takes the note on when the log starts."""
+    if "time_s" not in frame or getattr(frame["time_s"].dtype, "kind", "") != "M":
+        return frame
+    stamps, times = Stamps(path, remarks), frame["time_s"]
+    stamps.zoned = getattr(times.dtype, "tz", None) is not None
+    ns = times.to_numpy(dtype="M8[ns]").astype(np.int64)
+    return frame.assign(time_s=stamps.seconds(ns, times.notna().to_numpy()))
 
 
 def checked(frame: "pd.DataFrame", path: str) -> "pd.DataFrame":

@@ -118,12 +118,14 @@ def log_name(path: str | Path) -> str:
 
 def log_from_frame(frame: "pd.DataFrame", path: str = "frame") -> Log:
     """A DataFrame with the columns of the contract as a Log; pandera checks its columns and types first."""
-    from observer_fi.logs.frame_schema import checked
+    from observer_fi.logs.frame_schema import checked, with_seconds
 
-    frame = checked(frame, path)
+    remarks: list[str] = []
+    frame = checked(with_seconds(frame, path, remarks), path)
     values = {name: frame[name].to_numpy(dtype=np.float64) for name in COLUMNS if name in frame}
     block = Block(np.arange(1, len(frame) + 1), values)
-    tally = Tally(path, PLAIN, Table(tuple(values), lambda rows: iter((block,)), RowCount(len(frame))))
+    table = Table(tuple(values), lambda rows: iter((block,)), RowCount(len(frame)), remarks=remarks)
+    tally = Tally(path, PLAIN, table)
     logs = list(cleaned(iter((block,)), tally))
     return _joined(logs, summary(tally))
 

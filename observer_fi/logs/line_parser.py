@@ -154,6 +154,10 @@ class Parser:
         self.format = "csv"
 
     def _columns(self, headers: list[str]) -> None:
+        if self.map.source("time_s").stamps:
+            raise InvalidLogError(
+                f"{self.source}: column time_s: a stream needs numbers, not time stamps; send seconds, or map an epoch unit"
+            )
         at = positions(self.source, headers, self.map)
         for column in self.columns[5:]:
             if column not in at:

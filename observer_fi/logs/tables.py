@@ -93,7 +93,7 @@ def positions(
     path: str, headers: list[str], column_map: ColumnMap, known: tuple[str, ...] = ()
 ) -> dict[str, int]:
     """Index of the header of every column of the contract. known: columns that need none (a clock)."""
-    found = {column: _position(path, headers, column_map.source(column).header) for column in COLUMNS}
+    found = {column: position(path, headers, column_map.source(column).header) for column in COLUMNS}
     at = {column: index for column, index in found.items() if index is not None}
     drive_by_force = "force_cmd_n" in at and "current_a" not in column_map.columns
     for column in (*REQUIRED, *column_map.columns):
@@ -113,7 +113,8 @@ def shown_name(column: str, header: str) -> str:
     return column if column == header else f"{column} (header {header!r})"
 
 
-def _position(path: str, headers: list[str], wanted: str) -> int | None:
+def position(path: str, headers: list[str], wanted: str) -> int | None:
+    """Index of a header, in any case if not as it stands, None where it is not there. Raises InvalidLogError if repeated."""
     exact = [k for k, header in enumerate(headers) if header == wanted]
     hits = exact or [k for k, header in enumerate(headers) if header.casefold() == wanted.casefold()]
     if len(hits) > 1:

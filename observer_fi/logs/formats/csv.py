@@ -8,6 +8,7 @@ from typing import NamedTuple
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.source import Source, is_like_ascii, utf8_pieces
+from observer_fi.logs.formats.stamps import Stamps, is_stamp, stamp_columns
 from observer_fi.logs.formats.text_rows import TextLayout, lines_in, text_blocks, without_lines
 from observer_fi.logs.tables import Block, RowCount, Table, positions, regrouped, shown_name
 
@@ -17,12 +18,14 @@ MOST_COLUMNS = 2000
 
 
 class _Layout(NamedTuple):
-    """What the first lines of a text table say. first_line: line of the first row, 1 is that of the file."""
+    """What the first lines of a text table say. first_line: line of the first row, 1 is that of the file; first_row: its fields,
+    as many as there are headers."""
 
     headers: list[str]
     separator: str
     decimal: str
     first_line: int
+    first_row: list[str]
     metadata: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -31,23 +34,29 @@ def open_csv(source: Source, column_map: ColumnMap) -> Table:
     """A table of text: its header is read now, its rows later."""
     layout = _layout(source, column_map)
     at = positions(source.path, layout.headers, column_map)
+    stamped = column_map.source("time_s").stamps or is_stamp(layout.first_row[at["time_s"]])
+    stamps = stamp_columns(source.path, layout.headers, column_map, at) if stamped else {}
+    used = at | stamps
     rows_layout = TextLayout(
         len(layout.headers),
         layout.separator,
         layout.decimal,
         layout.first_line,
-        at,
-        {column: shown_name(column, layout.headers[k]) for column, k in at.items()},
+        used,
+        {column: shown_name(column, layout.headers[k]) for column, k in used.items()},
         column_map.missing,
+        stamps=tuple(stamps),
     )
     count = RowCount()
+    remarks: list[str] = []
 
     def blocks(rows: int) -> Iterator[Block]:
         lines = lines_in(source.path, utf8_pieces(source, column_map.encoding))
         kept = without_lines(lines, layout.first_line - 1)
-        return regrouped(text_blocks(source.path, kept, rows_layout, count), rows)
+        clock = Stamps(source.path, remarks) if stamps else None
+        return regrouped(text_blocks(source.path, kept, rows_layout, count, clock), rows)
 
-    return Table(tuple(at), blocks, count, layout.metadata, layout.notes, layout.first_line)
+    return Table(tuple(at), blocks, count, layout.metadata, layout.notes, layout.first_line, remarks)
 
 
 def _layout(source: Source, column_map: ColumnMap) -> _Layout:
@@ -68,10 +77,13 @@ def _layout(source: Source, column_map: ColumnMap) -> _Layout:
         raise InvalidLogError(f"{path}: there is a header but no samples; record or export the log again")
     decimal_comma = column_map.decimal_comma
     if decimal_comma is None:
-        decimal_comma = separator != "," and bool(re.search(r"\d,\d", first)) and "." not in first
+        numbers = separator.join(field for field in fields_of(first, separator) if not is_stamp(field))
+        decimal_comma = separator != "," and bool(re.search(r"\d,\d", numbers)) and "." not in numbers
         notes += ("numbers have a decimal comma",) if decimal_comma else ()
     metadata = tuple(line.lstrip("#").strip() for line in texts[:header_at] if line.strip("# \t"))
-    return _Layout(headers, separator, "," if decimal_comma else ".", data_at + 1, metadata, notes)
+    decimal = "," if decimal_comma else "."
+    first_row = [*fields_of(first, separator), *[""] * len(headers)][: len(headers)]
+    return _Layout(headers, separator, decimal, data_at + 1, first_row, metadata, notes)
 
 
 def first_bytes(source: Source, encoding: str | None) -> bytes:
@@ -138,6 +150,14 @@ def header_fields(path: str, number: int, line: str, separator: str) -> list[str
             f"{path}: line {number} has {len(headers)} columns, more than {MOST_COLUMNS}; export those that are needed"
         )
     return headers
+
+
+def fields_of(line: str, separator: str) -> list[str]:
+    """The fields of a line without their quotes; as they stand where quotes are broken."""
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=separator))]
+    except (csv.Error, StopIteration):
+        return line.split(separator)
 
 
 def _all_numbers(headers: list[str]) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
 from observer_fi.logs.formats.source import Source
+from observer_fi.logs.formats.stamps import TIME_OF_DAY, Stamps, stamp_columns
 from observer_fi.logs.formats.third_party import third_party
 from observer_fi.logs.tables import Block, RowCount, Table, not_a_number, plain, positions, regrouped
 from observer_fi.records import Array
@@ -39,8 +40,11 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
             f"{source.path}: a row group has {largest >> 20} MB, more than {MOST_GROUP_BYTES >> 20} MB; write it in smaller ones"
         )
     at = positions(source.path, headers, column_map)
+    stamped = _stamped(types[at["time_s"]]) or column_map.source("time_s").stamps
+    stamps = stamp_columns(source.path, headers, column_map, at) if stamped else {}
     for column, k in at.items():
-        _check_type(source.path, column, types[k])
+        if column not in stamps:
+            _check_type(source.path, column, types[k])
     metadata = tuple(
         f"{key.decode('utf-8', 'replace')}: {value[:2000].decode('utf-8', 'replace')}"
         for key, value in raw.items()
@@ -49,7 +53,9 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
     count = RowCount(total)
 
     def blocks(rows: int) -> Iterator[Block]:
-        return regrouped(_blocks(source, {c: headers[k] for c, k in at.items()}, rows, remarks), rows)
+        clock = Stamps(source.path, remarks) if stamps else None
+        used = {column: headers[k] for column, k in (at | stamps).items()}
+        return regrouped(_blocks(source, used, rows, remarks, clock), rows)
 
     return Table(tuple(at), blocks, count, metadata, remarks=remarks)
 
@@ -65,7 +71,15 @@ def _check_type(path: str, column: str, kind: Any) -> None:
         )
 
 
-def _blocks(source: Source, used: dict[str, str], rows: int, remarks: list[str]) -> Iterator[Block]:
+def _stamped(kind: Any) -> bool:
+    import pyarrow.types as of
+
+    return bool(of.is_timestamp(kind) or of.is_time(kind) or of.is_date(kind))
+
+
+def _blocks(
+    source: Source, used: dict[str, str], rows: int, remarks: list[str], stamps: Stamps | None
+) -> Iterator[Block]:
     import pyarrow.parquet as pq
 
     done = 0
@@ -79,12 +93,28 @@ def _blocks(source: Source, used: dict[str, str], rows: int, remarks: list[str])
                 batch = next(batches, None)
                 if batch is None:
                     return
-                values = {
-                    column: _floats(source.path, batch.column(batch.schema.names.index(name)), column, done)
-                    for column, name in used.items()
-                }
+                arrays = {c: batch.column(batch.schema.names.index(name)) for c, name in used.items()}
+                values = {}
+                if stamps is not None:
+                    parts = [arrays.pop(c) for c in ("time_s", TIME_OF_DAY) if c in arrays]
+                    values["time_s"] = _times(parts, done, stamps)
+                values |= {c: _floats(source.path, array, c, done) for c, array in arrays.items()}
             yield Block(np.arange(done + 1, done + batch.num_rows + 1), values)
             done += batch.num_rows
+
+
+def _times(parts: list[Any], done: int, stamps: Stamps) -> Array:
+    """Time stamps of a type of their own, or texts, as seconds from the first of the file on."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_timestamp(parts[0].type) and len(parts) == 1:
+        whole = parts[0].cast(pa.timestamp("ns", parts[0].type.tz), safe=False).view(pa.int64())
+        stamps.zoned = parts[0].type.tz is not None
+        return stamps.seconds(np.array(whole.fill_null(0)), np.array(whole.is_valid()))
+    texts = [part.cast(pa.string()) for part in parts]
+    joined = texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, " ")
+    return stamps.of_texts(joined, np.arange(done + 1, done + len(joined) + 1))
 
 
 def _floats(path: str, array: Any, column: str, done: int) -> Array:

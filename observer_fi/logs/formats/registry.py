@@ -7,12 +7,20 @@ from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import open_csv
 from observer_fi.logs.formats.lvm import open_lvm
+from observer_fi.logs.formats.mat import open_mat
+from observer_fi.logs.formats.mdf import open_mdf
 from observer_fi.logs.formats.parquet import open_parquet
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.tdms import open_tdms
 from observer_fi.logs.tables import Table
 
-SUFFIXES = (".csv.gz", ".csv", ".parquet", ".tdms", ".lvm", ".txt", ".tsv", ".dat", ".pq")
+SUFFIXES = (
+    ".csv.gz", ".csv", ".parquet", ".tdms", ".lvm", ".txt", ".tsv", ".dat", ".pq", ".mat", ".mf4", ".mdf"
+)  # fmt: skip
+READERS = {
+    ".parquet": open_parquet, ".pq": open_parquet, ".tdms": open_tdms, ".lvm": open_lvm, ".mat": open_mat,
+    ".mf4": open_mdf, ".mdf": open_mdf,
+}  # fmt: skip
 
 MOST_METADATA = 200  # lines
 LONGEST_METADATA = 500  # characters
@@ -30,13 +38,12 @@ def open_table(source: Source, column_map: ColumnMap) -> Table:
     if not magic:
         raise InvalidLogError(f"{path}: the file is empty; record or export the log again")
     suffix = suffix_of(path)
-    readers = {".parquet": open_parquet, ".pq": open_parquet, ".tdms": open_tdms, ".lvm": open_lvm}
     if not suffix:
         raise InvalidLogError(f"{path}: unknown kind of file; logs end in {', '.join(SUFFIXES)}")
-    if suffix not in readers and magic == b"PAR1":
+    if suffix not in READERS and magic == b"PAR1":
         raise InvalidLogError(f"{path}: this is a Parquet file; rename it to end in .parquet")
     try:
-        table = readers.get(suffix, open_csv)(source, column_map)
+        table = READERS.get(suffix, open_csv)(source, column_map)
     except OSError as error:
         raise InvalidLogError(f"{path}: cannot read the log ({error}); copy or export it again") from error
     return replace(table, metadata=_shown(table.metadata))

@@ -11,6 +11,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
 from observer_fi.logs.formats.source import Source
+from observer_fi.logs.formats.stamps import Stamps
 from observer_fi.logs.formats.third_party import third_party
 from observer_fi.logs.formats.waveforms import OnClock, Waveform, checked_waveform, on_clock, one_clock
 from observer_fi.logs.tables import Block, RowCount, Table, positions
@@ -97,7 +98,7 @@ def _short_names(names: list[tuple[str, str]]) -> list[str]:
 def _check_channel(source: Source, column: str, channel: Any) -> None:
     """Raises InvalidLogError for what are no real numbers, and for more of them than the file has room for."""
     kind = np.dtype(channel.dtype)
-    if kind.kind not in "iuf":
+    if kind.kind not in "iuf" and not (kind.kind == "M" and column == "time_s"):
         raise InvalidLogError(
             f"{source.path}: column {column} is of type {kind}; export it as numbers in {COLUMNS[column].unit}"
         )
@@ -203,12 +204,13 @@ def _blocks(source: Source, plan: _Plan, rows: int, remarks: list[str]) -> Itera
         with _npt(source, _DAMAGED, remarks):
             file = _opened(stream)
             channels = {column: file[group][name] for column, (group, name) in plan.channels.items()}
+        stamps = Stamps(source.path, remarks)
         for start in range(0, plan.rows, rows):
             count = min(rows, plan.rows - start)
             refusal = f"breaks off after row {start} ({{}}); copy it again"
             with _npt(source, refusal, remarks):
                 values = {
-                    column: _part(channel, plan.placed[column], start, count)
+                    column: _part(channel, plan.placed[column], start, count, stamps)
                     for column, channel in channels.items()
                 }
             index = np.arange(start, start + count)
@@ -217,13 +219,15 @@ def _blocks(source: Source, plan: _Plan, rows: int, remarks: list[str]) -> Itera
             yield Block(index + 1, values)
 
 
-def _part(channel: Any, at: OnClock, start: int, count: int) -> Array:
+def _part(channel: Any, at: OnClock, start: int, count: int, stamps: Stamps) -> Array:
     """`count` rows from `start` on, NaN where the channel has no sample."""
     first = max(-(-(start - at.shift) // at.stride), 0)
     last = min((start + count - 1 - at.shift) // at.stride, len(channel) - 1)
     if last < first:
         return np.full(count, np.nan)
     samples = np.asarray(channel.read_data(offset=first, length=last - first + 1))
+    if samples.dtype.kind == "M":
+        samples = stamps.seconds(samples.astype("M8[ns]").astype(np.int64), ~np.isnat(samples))
     if samples.size != last - first + 1 or samples.dtype.kind not in "iuf":
         raise ValueError(f"channel {channel.name!r} holds fewer samples than it says")
     with np.errstate(invalid="ignore"):  # a signalling NaN

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.logs.formats.stamps import Stamps
 from observer_fi.logs.tables import NO_VALUE, Block, RowCount, left_out_rows, not_a_number, place, plain
 from observer_fi.records import Array, Rejected
 
@@ -25,7 +26,7 @@ class TextLayout(NamedTuple):
     """How the rows of a text table stand. used: field of every column; shown: how messages name it.
 
     fields: of a row; comment: one more may stand behind them and is left out. first_line: line of the first row. missing:
-    texts for no value besides `NO_VALUE`.
+    texts for no value besides `NO_VALUE`. stamps: columns that make the time stamps of time_s, in order; none: it is a number.
     """
 
     fields: int
@@ -36,6 +37,7 @@ class TextLayout(NamedTuple):
     shown: dict[str, str]
     missing: tuple[str, ...] = ()
     comment: bool = False
+    stamps: tuple[str, ...] = ()
 
 
 class _Lines(NamedTuple):
@@ -80,9 +82,14 @@ def without_lines(blocks: Iterable[bytes], count: int) -> Iterator[bytes]:
         count = max(count - there, 0)
 
 
-def text_blocks(path: str, lines: Iterable[bytes], layout: TextLayout, count: RowCount) -> Iterator[Block]:
-    """The rows as blocks. Raises InvalidLogError for a text where a number belongs, and for too many broken rows."""
-    reader = _Reader(path, layout)
+def text_blocks(
+    path: str, lines: Iterable[bytes], layout: TextLayout, count: RowCount, stamps: Stamps | None = None
+) -> Iterator[Block]:
+    """The rows as blocks; stamps: the clock of a layout with time stamps.
+
+    Raises InvalidLogError for a text where a number belongs, and for too many broken rows.
+    """
+    reader = _Reader(path, layout, stamps)
     for block in lines:
         found = reader.block(block)
         count.rows = reader.line - reader.blank
@@ -92,8 +99,8 @@ def text_blocks(path: str, lines: Iterable[bytes], layout: TextLayout, count: Ro
 class _Reader:
     """Blocks of lines under way. line: lines so far; blank: those of them without anything; bad: left out."""
 
-    def __init__(self, path: str, layout: TextLayout) -> None:
-        self.path, self.layout = path, layout
+    def __init__(self, path: str, layout: TextLayout, stamps: Stamps | None) -> None:
+        self.path, self.layout, self.stamps = path, layout, stamps
         self.line = self.blank = self.bad = self.good = 0
         separator = layout.separator.encode()
         self.edges = (separator + b'"', b'"' + separator, b'\n"', b'"\n')
@@ -148,8 +155,21 @@ class _Reader:
             )
             for k, n in wrong
         ]
-        values = {column: _joined(table, field) for column, field in self.layout.used.items()}
+        used = self.layout.used.items()
+        values = {c: _joined(table, field) for c, field in used if c not in self.layout.stamps}
+        if self.stamps is not None:
+            values["time_s"] = self._times(table, kept, self.stamps)
         return Block(kept, values, left_out_rows([*lines.left_out, *left_out]))
+
+    def _times(self, table: Any, rows: NDArray[np.int64], stamps: Stamps) -> Array:
+        """The time stamps of rows as seconds, of a date and a time of day where they stand in two columns."""
+        import pyarrow.compute as pc
+
+        if table is None or not table.num_rows:
+            return np.empty(0)
+        texts = [table.column(f"{self.layout.used[c]}").combine_chunks() for c in self.layout.stamps]
+        joined = texts[0] if len(texts) == 1 else pc.binary_join_element_wise(*texts, " ")
+        return stamps.of_texts(joined, rows, self.layout.first_line)
 
     def _curable(self, row: Any) -> bool:
         """Whether a line that arrow cannot use is none (blank), a comment, or fits without its comment."""
@@ -222,6 +242,8 @@ class _Reader:
         for row, line in zip(lines.rows.tolist(), lines.text.split(b"\n"), strict=False):
             fields = line.split(separator)
             for column, k in self.layout.used.items() if len(fields) == self.layout.fields else ():
+                if column in self.layout.stamps:
+                    continue
                 field = fields[k].replace(self.layout.decimal.encode(), b".", 1)
                 text = fields[k].decode("utf-8", "replace")
                 if not _NUMBER.fullmatch(field) and text not in missing:
@@ -250,7 +272,7 @@ def _arrow_table(text: bytes, layout: TextLayout, quote: str | bool, short: list
         return "skip"
 
     names = [f"{k}" for k in range(layout.fields)]
-    wanted = {names[k]: pa.float64() for k in layout.used.values()}
+    wanted = {names[k]: pa.string() if c in layout.stamps else pa.float64() for c, k in layout.used.items()}
     read = pacsv.ReadOptions(use_threads=False, block_size=len(text) + 1, column_names=names)
     parse = pacsv.ParseOptions(
         delimiter=layout.separator, quote_char=quote, double_quote=bool(quote), invalid_row_handler=leave_out
@@ -260,6 +282,7 @@ def _arrow_table(text: bytes, layout: TextLayout, quote: str | bool, short: list
         include_columns=list(wanted),
         null_values=[*NO_VALUE, *layout.missing],
         decimal_point=layout.decimal,
+        strings_can_be_null=True,
     )
     return pacsv.open_csv(pa.py_buffer(text), read, parse, convert).read_all()
 
