@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from observer_fi import __version__
+from observer_fi.cli import inspection as cli_inspection
 from observer_fi.cli import learning as cli_learning
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import verdicts as cli_verdicts
@@ -79,6 +80,11 @@ def _parser(wanted: str) -> argparse.ArgumentParser:
 COMMANDS: dict[str, Command] = {
     "diagnose": Command(
         "detect and isolate a fault in each log", cli_verdicts.diagnose_arguments, cli_verdicts.run_diagnose
+    ),
+    "inspect": Command(
+        "what a file holds, and a column map for it",
+        cli_inspection.inspect_arguments,
+        cli_inspection.run_inspect,
     ),
     "compare": Command(
         "observer bank against open-loop mixture on many faults",

@@ -6,6 +6,10 @@ from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
+from observer_fi.logs.inspection.contents import Column, digest_of
+from observer_fi.logs.inspection.guesses import Guess
+from observer_fi.logs.inspection.inspection import Inspection, inspect_log, shown_range
+from observer_fi.logs.inspection.motion import Motion
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
 from observer_fi.logs.moves import (
     Excitation,
@@ -29,7 +33,14 @@ __all__ = [
     "BrokenLineError",
     "CHUNK_ROWS",
     "Clock",
+    "Column",
     "ColumnMap",
+    "Guess",
+    "Inspection",
+    "Motion",
+    "digest_of",
+    "inspect_log",
+    "shown_range",
     "Excitation",
     "FEWEST_AT_REST",
     "FEWEST_STEPS",

@@ -68,7 +68,8 @@ class ColumnMap:
     """How to read a log. `columns` holds what the map names; other columns keep the name of the contract.
 
     separator, decimal_comma: None finds them from the file. header_line, data_line: 1 is the first line of
-    the file; None takes the first line that is no comment, and the one after it.
+    the file; None takes the first line that is no comment, and the one after it. header_line 0: there is no
+    header, and columns are called by their numbers, "1" the first.
     """
 
     columns: dict[str, Source] = field(default_factory=dict)
@@ -143,8 +144,8 @@ def _map_file() -> Any:
         model_config = ConfigDict(strict=True, extra="forbid")
         separator: str | None = None
         decimal_comma: bool | None = None
-        header_line: Annotated[int, Field(ge=1, le=MOST_HEADER_LINES)] | None = None
-        data_line: Annotated[int, Field(ge=2, le=MOST_HEADER_LINES)] | None = None
+        header_line: Annotated[int, Field(ge=0, le=MOST_HEADER_LINES)] | None = None
+        data_line: Annotated[int, Field(ge=1, le=MOST_HEADER_LINES)] | None = None
         encoding: str | None = None
         missing: Annotated[list[text], Field(max_length=1000)] = []  # type: ignore[valid-type]
         columns: dict[str, Entry] = {}
@@ -188,7 +189,8 @@ def _check_names(table: dict[str, Any]) -> None:
 def _check(found: ColumnMap) -> None:
     if found.decimal_comma and found.separator == ",":
         raise UsageError('separator "," and decimal_comma = true exclude each other')
-    if found.data_line is not None and found.data_line <= (found.header_line or 1):
+    least = 1 if found.header_line is None else found.header_line
+    if found.data_line is not None and found.data_line <= least:
         raise UsageError(f"data_line must come after the header line, got {found.data_line}")
     headers = [source.header for source in found.columns.values()]
     for header in headers:

@@ -7,6 +7,7 @@ from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
+from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
 from observer_fi.report.markdown import markdown_table
 from observer_fi.report.result_folder import (
     Made,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Figure",
+    "MAP_FILE",
     "MEASURED",
     "Made",
     "at_mass",
@@ -56,6 +58,8 @@ __all__ = [
     "improve_files",
     "improve_headline",
     "improve_json",
+    "inspection_json",
+    "inspection_text",
     "json_text",
     "markdown_table",
     "ours",

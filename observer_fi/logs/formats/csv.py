@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs.columns import ColumnMap
+from observer_fi.logs.columns import PLAIN, ColumnMap
 from observer_fi.logs.formats.source import Source, is_like_ascii, utf8_pieces
 from observer_fi.logs.formats.stamps import Stamps, is_stamp, stamp_columns
 from observer_fi.logs.formats.text_rows import TextLayout, lines_in, text_blocks, without_lines
@@ -62,27 +62,36 @@ def open_csv(source: Source, column_map: ColumnMap) -> Table:
 def _layout(source: Source, column_map: ColumnMap) -> _Layout:
     path, head = source.path, first_bytes(source, column_map.encoding)
     texts, notes = decoded(head, column_map.encoding)
-    if _binary(texts):
+    if is_binary(texts):
         raise InvalidLogError(f"{path}: this is not a table of text but binary data; export the log as CSV")
     header_at = _header_index(path, texts, column_map)
     data_at = header_at + 1 if column_map.data_line is None else column_map.data_line - 1
-    separator = column_map.separator or max(",;\t|", key=texts[header_at].count)
-    headers = header_fields(path, header_at + 1, texts[header_at], separator)
-    if _all_numbers(headers):
+    if header_at < 0 and column_map.data_line is None:
+        data_at = _header_index(path, texts, PLAIN)  # without a header the first line of it all is a row
+    separator = column_map.separator or max(",;\t|", key=texts[max(header_at, data_at - 1, 0)].count)
+    if header_at < 0:
+        headers = _numbered(texts[data_at:], separator)
+    else:
+        headers = header_fields(path, header_at + 1, texts[header_at], separator)
+    if header_at >= 0 and _all_numbers(headers):
         raise InvalidLogError(
-            f"{path}: line {header_at + 1} holds numbers, not column names; add a header as in docs/logs.md"
+            f"{path}: line {header_at + 1} holds numbers, not column names; add a header as in docs/logs.md, or map columns "
+            "by their numbers with header_line = 0"
         )
     first = next((line for line in texts[data_at:] if line.strip()), None)
     if first is None:
         raise InvalidLogError(f"{path}: there is a header but no samples; record or export the log again")
+    row = fields_of(first, separator)
+    if len(row) == len(headers) + 1 and not row[-1]:
+        headers = [*headers, ""]  # every row ends with a separator, the header does not
     decimal_comma = column_map.decimal_comma
     if decimal_comma is None:
-        numbers = separator.join(field for field in fields_of(first, separator) if not is_stamp(field))
+        numbers = separator.join(field for field in row if not is_stamp(field))
         decimal_comma = separator != "," and bool(re.search(r"\d,\d", numbers)) and "." not in numbers
         notes += ("numbers have a decimal comma",) if decimal_comma else ()
-    metadata = tuple(line.lstrip("#").strip() for line in texts[:header_at] if line.strip("# \t"))
+    metadata = tuple(line.lstrip("#").strip() for line in texts[: max(header_at, 0)] if line.strip("# \t"))
     decimal = "," if decimal_comma else "."
-    first_row = [*fields_of(first, separator), *[""] * len(headers)][: len(headers)]
+    first_row = [*row, *[""] * len(headers)][: len(headers)]
     return _Layout(headers, separator, decimal, data_at + 1, first_row, metadata, notes)
 
 
@@ -111,11 +120,17 @@ def decoded(head: bytes, encoding: str | None) -> tuple[list[str], tuple[str, ..
     return [line.decode(name, "replace") for line in head.splitlines()], notes
 
 
-def _binary(texts: list[str]) -> bool:
+def is_binary(texts: list[str]) -> bool:
     """Whether there are zero bytes, or more than one character in a hundred that cannot be shown."""
     doubtful = [text for text in texts if not text.replace("\t", "").isprintable()]
     strange = sum(not c.isprintable() and c != "\t" for text in doubtful for c in text)
     return any("\0" in text for text in doubtful) or strange > 0.01 * sum(map(len, texts))
+
+
+def _numbered(rows: list[str], separator: str) -> list[str]:
+    """Names of the columns of a table without a header: their numbers, from 1 on."""
+    first = next((line for line in rows if line.strip()), "")
+    return [f"{k + 1}" for k in range(len(fields_of(first, separator)))]
 
 
 def _header_index(path: str, lines: list[str], column_map: ColumnMap) -> int:

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs.columns import ColumnMap
+from observer_fi.logs.columns import PLAIN, ColumnMap
 from observer_fi.logs.formats.csv import decoded, first_bytes, header_fields
 from observer_fi.logs.formats.source import Source, utf8_pieces
 from observer_fi.logs.formats.text_rows import TextLayout, lines_in, text_blocks, without_lines
 from observer_fi.logs.formats.waveforms import Waveform, checked_waveform
 from observer_fi.logs.tables import Block, RowCount, Table, positions, regrouped, shown_name
+from observer_fi.records import Array
 
 _CLOCK = "clock of "  # before the name of a column: its own column of times
 
@@ -62,6 +63,33 @@ def open_lvm(source: Source, column_map: ColumnMap) -> Table:
     notes = () if timed else ("time from X0 and Delta_X of the header",)
     columns = (*at, *(() if timed else ("time_s",)))
     return Table(columns, blocks, count, _metadata(layout.entries), notes, layout.first_line)
+
+
+def lvm_columns(
+    source: Source,
+) -> tuple[list[str], Iterator[dict[str, Array]], bool, tuple[str, ...], tuple[str, ...]]:
+    """All columns of a file: their names, blocks of them, whether the file has a clock, metadata and notes."""
+    layout = _layout(source, PLAIN)
+    timed = layout.x_columns != "No"
+    names = ["time_s" if name == "X_Value" else name for name in layout.headers]
+    used = {name: k for k, name in enumerate(names) if name and (timed or name != "time_s")}
+    rows_layout = TextLayout(
+        len(names),
+        layout.separator,
+        layout.decimal,
+        layout.first_line,
+        used,
+        {name: name for name in used},
+        (),
+        layout.comment,
+    )
+    channels = {name: k for name, k in used.items() if name != "time_s"}
+    wave = None if timed else _waveform(source.path, layout, channels)
+    kept = without_lines(lines_in(source.path, utf8_pieces(source, None)), layout.first_line - 1)
+    found = text_blocks(source.path, kept, rows_layout, RowCount())
+    blocks = (_on_one_clock(source.path, block, wave, {}).values for block in found)
+    notes = () if timed else ("time from X0 and Delta_X of the header",)
+    return [*(() if timed else ("time_s",)), *used], blocks, True, _metadata(layout.entries), notes
 
 
 def _layout(source: Source, column_map: ColumnMap) -> _Layout:

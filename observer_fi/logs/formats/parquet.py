@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
@@ -45,11 +46,6 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
     for column, k in at.items():
         if column not in stamps:
             _check_type(source.path, column, types[k])
-    metadata = tuple(
-        f"{key.decode('utf-8', 'replace')}: {value[:2000].decode('utf-8', 'replace')}"
-        for key, value in raw.items()
-        if key not in _NO_LOG
-    )
     count = RowCount(total)
 
     def blocks(rows: int) -> Iterator[Block]:
@@ -57,7 +53,36 @@ def open_parquet(source: Source, column_map: ColumnMap) -> Table:
         used = {column: headers[k] for column, k in (at | stamps).items()}
         return regrouped(_blocks(source, used, rows, remarks, clock), rows)
 
-    return Table(tuple(at), blocks, count, metadata, remarks=remarks)
+    return Table(tuple(at), blocks, count, _metadata(raw), remarks=remarks)
+
+
+def parquet_columns(source: Source, rows: int) -> tuple[dict[str, NDArray[Any]], int, tuple[str, ...]]:
+    """The first rows of all columns, of any type, the number of rows of the file, and its metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with source.open() as stream, third_party(source.path, _DAMAGED, []):
+        file = pq.ParquetFile(stream, pre_buffer=False)
+        batches, held = [], 0
+        for batch in file.iter_batches(batch_size=BATCH_ROWS):
+            batches.append(batch)
+            held += batch.num_rows
+            if held >= rows:
+                break
+        found = pa.Table.from_batches(batches, file.schema_arrow)
+        flat = {str(name): found.column(k) for k, name in enumerate(found.schema.names)}
+        arrays = {
+            name: column.to_numpy() for name, column in flat.items() if not pa.types.is_nested(column.type)
+        }
+        return arrays, int(file.metadata.num_rows), _metadata(dict(file.schema_arrow.metadata or {}))
+
+
+def _metadata(raw: dict[bytes, bytes]) -> tuple[str, ...]:
+    return tuple(
+        f"{key.decode('utf-8', 'replace')}: {value[:2000].decode('utf-8', 'replace')}"
+        for key, value in raw.items()
+        if key not in _NO_LOG
+    )
 
 
 def _check_type(path: str, column: str, kind: Any) -> None:

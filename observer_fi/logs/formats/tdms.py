@@ -68,6 +68,33 @@ def open_tdms(source: Source, column_map: ColumnMap) -> Table:
     return Table((*at, "time_s"), blocks, count, metadata, notes, remarks=remarks)
 
 
+def tdms_columns(
+    source: Source, rows: int
+) -> tuple[dict[str, Any], dict[str, str], bool, tuple[str, ...], tuple[str, ...]]:
+    """The first samples of all channels of one length, their units, whether time_s comes of a waveform, metadata, notes."""
+    remarks: list[str] = []
+    with source.open() as stream, _npt(source, _DAMAGED, remarks):
+        file = _opened(stream)
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        names = _short_names([(str(c.group_name), str(c.name)) for c in channels])
+        longest = max((len(channel) for channel in channels), default=0)
+        kept = {n: c for n, c in zip(names, channels, strict=True) if longest and len(c) == longest}
+        arrays = {n: np.asarray(c.read_data(offset=0, length=min(rows, longest))) for n, c in kept.items()}
+        units = {
+            n: str(c.properties.get("unit_string", c.properties.get("NI_UnitDescription", "")))
+            for n, c in kept.items()
+        }
+        metadata = tuple(f"{key}: {value}" for key, value in file.properties.items())
+        steps = {float(c.properties["wf_increment"]) for c in kept.values() if "wf_increment" in c.properties}
+    others = [name for name in names if name not in kept]
+    notes = (f"channels with fewer samples are not shown: {', '.join(others[:8])}",) if others else ()
+    clock = "time_s" not in arrays and len(steps) == 1 and longest > 0
+    if clock:
+        arrays = {"time_s": np.arange(min(rows, longest)) * steps.pop(), **arrays}
+        notes = (*notes, "time from the start and step of the waveform")
+    return arrays, units, clock, metadata, notes
+
+
 @contextmanager
 def _npt(source: Source, refusal: str, remarks: list[str]) -> Iterator[None]:
     """Around a call of npTDMS, which brings a handler of its own that writes to the terminal."""

@@ -1,0 +1,350 @@
+"""Which column of the contract each column of a file may be: by its name, its unit, its values, and why."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap
+from observer_fi.logs.inspection.contents import Column, Contents, columns_by_header
+from observer_fi.logs.inspection.vocabulary import Header, Unit, understood
+from observer_fi.records import Array
+
+SURE, LIKELY, GUESS = "sure", "likely", "a guess"
+LEAST = 1.4  # points from which a column is taken for a quantity: a letter alone
+NEAR = 1.0  # points by which a rival may be behind
+BY_NAME, BY_UNIT, CLASH, STEADY = 3.0, 3.0, -6.0, 2.0
+RATES = (10.0, 1e5)  # samples a second that a logger has
+USUAL_HZ = 1000.0
+BACKWARD, UNEVEN = (
+    1e-3,
+    0.1,
+)  # shares of intervals of a clock that may run backward, or be far from the median
+_EPOCHS = {"s": (8e8, 4.2e9), "ms": (8e11, 4.2e12), "us": (8e14, 4.2e15), "ns": (8e17, 4.2e18)}
+_OF_UNIT = {
+    "time": ("time_s",), "voltage": ("voltage_v",), "current": ("current_a",), "length": ("position_m", "position_cmd_m"),
+    "angle": ("pitch_deg", "encoder_rad"), "turns": ("encoder_rad",), "speed": ("speed_cmd_rad_s",),
+    "force": ("force_cmd_n", "load_n"),
+}  # fmt: skip
+_OF_WORD = {
+    "time": "time_s", "voltage": "voltage_v", "current": "current_a", "pitch": "pitch_deg", "angle": "encoder_rad",
+    "load": "load_n", "force": "force_cmd_n",
+}  # fmt: skip
+# Beyond the first bound a value is unlikely in the unit itself, beyond the second impossible.
+_LARGE = {
+    "current_a": (60.0, 300.0),
+    "voltage_v": (400.0, 1000.0),
+    "position_m": (3.0, 10.0),
+    "position_cmd_m": (3.0, 10.0),
+}
+_SMALLER = {"A": ("A", "mA", "uA"), "V": ("V", "mV"), "m": ("m", "mm", "um")}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A column of the contract and what in a file may be it.
+
+    why: what speaks for it. sure: sure, likely or a guess. also: what else it may be, in words. told: its unit stands in the
+    file.
+    """
+
+    column: str
+    header: str
+    unit: str
+    factor: float = 1.0
+    why: tuple[str, ...] = ()
+    sure: str = GUESS
+    also: tuple[str, ...] = ()
+    told: bool = False
+    time_of_day: str | None = None
+
+    @property
+    def scale(self) -> float:
+        """Factor from the numbers in the file to the unit of the contract."""
+        return COLUMNS[self.column].units[self.unit] * self.factor
+
+
+@dataclass(frozen=True)
+class Named:
+    """A column with what its header says, and how well it would be each column of the contract, in points."""
+
+    column: Column
+    header: Header
+    points: dict[str, float] = field(default_factory=dict)
+
+
+class Steady(NamedTuple):
+    """A column that increases steadily: the median step."""
+
+    step: float
+
+
+def guesses(contents: Contents, column_map: ColumnMap | None = None) -> dict[str, Guess]:
+    """The best guess for each column of the contract that the file may hold; what a map says is taken as it is."""
+    given = _given(contents, column_map)
+    taken = {guess.header for guess in given.values()} | {guess.time_of_day for guess in given.values()}
+    named = [_named(c) for c in columns_by_header(contents) if c.header not in taken]
+    found = dict(given)
+    pairs = sorted(
+        (
+            (points, n.column.header, column, n)
+            for n in named
+            for column, points in n.points.items()
+            if points >= LEAST
+        ),
+        key=lambda pair: (-pair[0], pair[2] == "load_n"),
+    )
+    for points, header, column, one in pairs:
+        if column in found or header in taken:
+            continue
+        rivals = [
+            f"{o.column.header} may be it too" for o in named
+            if o is not one and o.column.header not in taken and o.points.get(column, 0.0) > points - NEAR
+        ]  # fmt: skip
+        others = [
+            f"or {other}"
+            for other, p in one.points.items()
+            if other != column and p > points - NEAR and other not in found
+        ]
+        guess = _unit_guess(column, one, contents)
+        found[column] = _judged(replace(guess, also=(*guess.also, *others, *rivals[:2])), points)
+        taken.add(header)
+    return _with_time_of_day(found, named)
+
+
+def _given(contents: Contents, column_map: ColumnMap | None) -> dict[str, Guess]:
+    if column_map is None:
+        return {}
+    headers = {column.header for column in contents.columns}
+    found = {}
+    for name, source in column_map.columns.items():
+        if source.header in headers:
+            unit, factor = _unit_of_map(name, source.factor)
+            unit = STAMPS if source.stamps else f"epoch {unit}" if source.epoch else unit
+            found[name] = Guess(
+                name, source.header, unit, factor, ("by the map",), SURE, (), True, source.time_of_day
+            )
+    return found
+
+
+def _unit_of_map(name: str, factor: float) -> tuple[str, float]:
+    """The unit of which a factor is one, and what is left of it."""
+    kind = COLUMNS[name]
+    for unit, own in kind.units.items():
+        if abs(abs(factor) / own - 1.0) < 1e-12:
+            return unit, float(np.sign(factor))
+    return kind.unit, factor
+
+
+def _named(column: Column) -> Named:
+    header = understood(column.header, column.unit)
+    lower = column.header.strip().casefold()
+    if lower in COLUMNS:
+        return Named(column, header, {lower: 20.0})
+    if column.strange > 0.5 or header.deviation:
+        return Named(column, header)
+    points = _points(header)
+    clock = steady(column.values)
+    if "time_s" in points or clock is not None or column.stamps:
+        points["time_s"] = points.get("time_s", 0.0) + _as_clock(column, clock, header)
+    if column.stamps:
+        points = {"time_s": points["time_s"]}
+    return Named(column, header, points)
+
+
+def _as_clock(column: Column, clock: Steady | None, header: Header) -> float:
+    """Points for a column to be the clock, by its values."""
+    if column.stamps:
+        return BY_UNIT
+    if clock is None:
+        return (
+            2.0 * CLASH
+            if column.values.size > 1 and np.nanmin(np.diff(column.values), initial=0.0) < 0.0
+            else -1.0
+        )
+    counts_rows = "number" in header.quantities and "time" not in header.quantities
+    return -0.5 if counts_rows else STEADY if header.unit is None or header.unit.of == "time" else CLASH
+
+
+def _points(header: Header) -> dict[str, float]:
+    """Points for each column of the contract, by the words and the unit of a header."""
+    points: dict[str, float] = {}
+    of = header.unit.of if header.unit else None
+    for quantity, share in header.quantities.items():
+        column = _column_of(quantity, header)
+        if column is not None:
+            clash = of is not None and column not in _OF_UNIT.get(of, ())
+            points[column] = max(points.get(column, -9.0), BY_NAME * share + (CLASH if clash else 0.0))
+    for column in _OF_UNIT.get(of or "", ()):
+        if _other_way(column, header):
+            continue
+        points[column] = (
+            points.get(column, 0.0) + BY_UNIT - (0.0 if column in points or not header.quantities else 2.0)
+        )
+    if not header.quantities and header.commanded and of is None:
+        points["position_cmd_m"] = 0.5 * BY_NAME
+    return points
+
+
+def _other_way(column: str, header: Header) -> bool:
+    """Whether a header says that it is no command where the column is one, or the other way round."""
+    if column in ("position_cmd_m", "speed_cmd_rad_s"):
+        return not header.commanded
+    return header.commanded and column in ("position_m", "current_a", "encoder_rad", "pitch_deg", "load_n")
+
+
+def _column_of(quantity: str, header: Header) -> str | None:
+    if quantity == "position":
+        return "position_cmd_m" if header.commanded else "position_m"
+    if quantity == "speed":
+        return "speed_cmd_rad_s" if header.commanded else None
+    column = _OF_WORD.get(quantity)
+    return None if column is None or _other_way(column, header) else column
+
+
+def _judged(guess: Guess, points: float) -> Guess:
+    """The guess with how sure it is."""
+    if points >= 15.0:
+        return replace(guess, sure=SURE)
+    sure = SURE if points >= BY_NAME + BY_UNIT - 1.6 and guess.told else LIKELY if points >= 2.5 else GUESS
+    return replace(guess, sure=LIKELY if guess.also and sure == SURE else sure)
+
+
+# --- units ---------------------------------------------------------------------------------------
+
+
+def _unit_guess(column: str, one: Named, contents: Contents) -> Guess:
+    header, unit = one.column.header, one.header.unit
+    why: list[str] = []
+    if header.casefold() == column:
+        return Guess(column, header, COLUMNS[column].unit, why=("by the contract's name",), told=True)
+    if one.header.quantities or one.header.commanded:
+        why.append("name")
+    if column == "time_s":
+        return _time_guess(one, contents, why)
+    if unit is not None and unit.unit in COLUMNS[column].units:
+        return Guess(
+            column, header, unit.unit, unit.factor, (*why, f"unit {one.header.unit_text}"), told=True
+        )
+    chosen, also, because = _unit_by_values(column, one.column.values, one.header)
+    return Guess(column, header, chosen, 1.0, (*why, because), also=also)
+
+
+def _unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tuple[str, ...], str]:
+    """A unit by the size of the values; which others they may be; why."""
+    own = COLUMNS[column].unit
+    known = values[np.isfinite(values)]
+    top = (
+        float(np.ptp(known))
+        if column.startswith("position") and known.size
+        else float(np.abs(known).max(initial=0.0))
+    )
+    if column in _LARGE:
+        return _by_size(own, top, *_LARGE[column])
+    if column == "speed_cmd_rad_s":
+        return (
+            ("rpm", ("or rad/s",), f"reaches {top:.4g}")
+            if top > 700.0
+            else ("rad/s", ("or rpm",), f"reaches {top:.4g}")
+        )
+    if column == "pitch_deg":
+        return (
+            ("rad", ("or deg",), f"within {top:.3g}") if 0.0 < top < 0.5 else ("deg", (), f"within {top:.3g}")
+        )
+    if column == "encoder_rad":
+        return "rad", ("or deg, or rev",), "no unit"
+    return own, ((f"or k{own}",) if own == "N" and top < 5.0 else ()), "no unit"
+
+
+def _by_size(own: str, top: float, unlikely: float, impossible: float) -> tuple[str, tuple[str, ...], str]:
+    """The unit of which values of that size are believable: the largest, and the next where that is doubtful."""
+    said = f"{'spans' if own == 'm' else 'reaches'} {top:.3g}"
+    units = _SMALLER[own]
+    for k, unit in enumerate(units[:-1]):
+        size = top / 1000.0**k
+        if size <= unlikely:
+            # a tenth of what would be unlikely may be the next unit as well: 20 mm, or 0.02 m
+            return unit, ((f"or {units[k + 1]}",) if size > 0.1 * unlikely else ()), said
+        if size <= impossible:
+            return units[k + 1], (f"or {unit}",), said
+    return units[-1], (), said
+
+
+def steady(values: Array) -> Steady | None:
+    """Whether a column increases steadily, as a clock does."""
+    known = values[np.isfinite(values)]
+    steps = np.diff(known)
+    if steps.size < 8:
+        return None
+    usual = float(np.median(steps))
+    if not usual > 0.0 or np.mean(steps < 0.0) > BACKWARD:
+        return None
+    return Steady(usual) if np.mean(np.abs(steps - usual) > 0.6 * usual) <= UNEVEN else None
+
+
+def _time_guess(one: Named, contents: Contents, why: list[str]) -> Guess:
+    column, header = one.column, one.header
+    if column.stamps:
+        return Guess("time_s", column.header, STAMPS, why=(*why, "time stamps"), told=True)
+    why.append("increases steadily" if steady(column.values) else "")
+    why = [text for text in why if text]
+    unit: Unit | None = header.unit
+    first = float(column.values[np.isfinite(column.values)][0]) if np.isfinite(column.values).any() else 0.0
+    for name, (low, high) in _EPOCHS.items():
+        if low < first < high and (unit is None or unit.unit == name):
+            return Guess(
+                "time_s",
+                column.header,
+                f"epoch {name}",
+                1.0,
+                (*why, f"counts from 1970 in {name}"),
+                told=unit is not None,
+            )
+    if unit is not None and unit.of == "time":
+        return Guess("time_s", column.header, unit.unit, 1.0, (*why, f"unit {header.unit_text}"), told=True)
+    chosen, also, because = _time_unit(column.values)
+    return Guess("time_s", column.header, chosen, 1.0, (*why, because), also=also)
+
+
+def _time_unit(values: Array) -> tuple[str, tuple[str, ...], str]:
+    """The unit that gives a rate which loggers have; of several the one nearest to the usual."""
+    steps = np.diff(values[np.isfinite(values)])
+    step = float(np.median(steps)) if steps.size else 0.0
+    if not step > 0.0:
+        return "s", (), "no unit"
+    per_second = {unit: 1.0 / (step * COLUMNS["time_s"].units[unit]) for unit in ("s", "ms", "us", "ns")}
+    possible = {
+        u: hz
+        for u, hz in per_second.items()
+        if RATES[0] <= hz * (1.0 + 1e-6) and hz <= RATES[1] * (1.0 + 1e-6)
+    }
+    if not possible:
+        return "s", ("no unit gives a rate of 10 Hz to 100 kHz",), f"steps of {step:.4g}"
+    best = min(possible, key=lambda u: abs(np.log10(possible[u] / USUAL_HZ)) + (0.3 if u != "s" else 0.0))
+    others = tuple(f"or {u} ({hz:.4g} Hz)" for u, hz in possible.items() if u != best)
+    return best, others, f"steps of {step:.4g} are {possible[best]:.4g} Hz"
+
+
+def _with_time_of_day(found: dict[str, Guess], named: list[Named]) -> dict[str, Guess]:
+    """A clock whose date and time of day stand in two columns."""
+    clock = found.get("time_s")
+    if clock is None or clock.unit != STAMPS or clock.time_of_day:
+        return found
+    stamped = [n.column for n in named if n.column.stamps]
+    dates = [c for c in stamped if c.texts and ":" not in c.texts[0]]
+    days = [
+        c
+        for c in stamped
+        if c.texts and ":" in c.texts[0] and not any(mark in c.texts[0].split(":")[0] for mark in "-./")
+    ]
+    if not dates:
+        return found
+    if days:
+        joined = replace(
+            clock,
+            header=dates[0].header,
+            time_of_day=days[0].header,
+            why=(*clock.why, "date and time of day"),
+        )
+        return found | {"time_s": joined}
+    return found
