@@ -10,6 +10,7 @@ from observer_fi.logs.inspection.contents import Column, digest_of
 from observer_fi.logs.inspection.guesses import Guess
 from observer_fi.logs.inspection.inspection import Inspection, inspect_log, shown_range
 from observer_fi.logs.inspection.motion import Motion
+from observer_fi.logs.inspection.vocabulary import meaning, understood
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
 from observer_fi.logs.moves import (
     Excitation,
@@ -40,6 +41,8 @@ __all__ = [
     "Motion",
     "digest_of",
     "inspect_log",
+    "meaning",
+    "understood",
     "shown_range",
     "Excitation",
     "FEWEST_AT_REST",

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from observer_fi.logs import Column, Guess, Inspection, Motion, shown_range
+from observer_fi.logs import Column, Guess, Inspection, Motion, meaning, shown_range, understood
 from observer_fi.physics import acquisition_table
 from observer_fi.records import ChannelTraits
 
@@ -57,10 +57,13 @@ def _column_json(column: Column, guess: Guess | None) -> dict[str, Any]:
 def inspection_text(found: Inspection) -> str:
     """One file in the lines that a person reads, the column map last."""
     name = Path(found.contents.path).name
-    of_map = (f"  {line}".rstrip() for line in found.column_map.splitlines())
+    of_map = [f"  {line}".rstrip() for line in found.column_map.splitlines()]
+    title = f"column map for --columns ({name}):"
+    if not found.needs_map:
+        title, of_map = "column map: none is needed, the columns have the names of a log", []
     lines = [
         _headline(found), *_facts(found), "", *_column_lines(found), "", *_log_lines(found), *_need_lines(found), "",
-        f"column map for --columns ({name}):", *of_map,
+        title, *of_map,
     ]  # fmt: skip
     return "\n".join(_shown(line) for line in lines) + "\n"
 
@@ -128,7 +131,14 @@ def _column_row(column: Column, guess: Guess | None) -> tuple[str, ...]:
     first = " ".join(column.texts)
     if guess is None:
         strange = f"{100.0 * column.strange:.2g} % are no numbers" if column.strange else ""
-        return header, shown, first, missing, "not used", strange
+        return (
+            header,
+            shown,
+            first,
+            missing,
+            "not used",
+            strange or meaning(understood(column.header, column.unit)),
+        )
     factor = "" if guess.factor == 1.0 else f" x {guess.factor:g}"
     because = "; ".join((f"{guess.sure}: {', '.join(guess.why)}", *guess.also))
     return header, shown, first, missing, f"{guess.column} in {guess.unit}{factor}", because

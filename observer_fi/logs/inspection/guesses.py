@@ -206,6 +206,8 @@ def _judged(guess: Guess, points: float) -> Guess:
     """The guess with how sure it is."""
     if points >= 15.0:
         return replace(guess, sure=SURE)
+    if guess.column in ("load_n", "force_cmd_n") and not guess.told:
+        return guess
     sure = SURE if points >= BY_NAME + BY_UNIT - 1.6 and guess.told else LIKELY if points >= 2.5 else GUESS
     return replace(guess, sure=LIKELY if guess.also and sure == SURE else sure)
 
@@ -226,11 +228,11 @@ def _unit_guess(column: str, one: Named, contents: Contents) -> Guess:
         return Guess(
             column, header, unit.unit, unit.factor, (*why, f"unit {one.header.unit_text}"), told=True
         )
-    chosen, also, because = _unit_by_values(column, one.column.values, one.header)
+    chosen, also, because = unit_by_values(column, one.column.values, one.header)
     return Guess(column, header, chosen, 1.0, (*why, because), also=also)
 
 
-def _unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tuple[str, ...], str]:
+def unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tuple[str, ...], str]:
     """A unit by the size of the values; which others they may be; why."""
     own = COLUMNS[column].unit
     known = values[np.isfinite(values)]
@@ -253,7 +255,7 @@ def _unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tu
         )
     if column == "encoder_rad":
         return "rad", ("or deg, or rev",), "no unit"
-    return own, ((f"or k{own}",) if own == "N" and top < 5.0 else ()), "no unit"
+    return own, ("or kN", "or kg, then factor 9.81") if column == "load_n" else ("or kN",), "no unit"
 
 
 def _by_size(own: str, top: float, unlikely: float, impossible: float) -> tuple[str, tuple[str, ...], str]:

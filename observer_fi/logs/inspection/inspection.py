@@ -8,8 +8,9 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.acquisition import JITTER, acquisition_of, clock_of
-from observer_fi.logs.columns import ColumnMap, columns_from_table
+from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap, columns_from_table
 from observer_fi.logs.ingest import open_log
+from observer_fi.logs.inspection.commands import with_commands
 from observer_fi.logs.inspection.contents import MOST_ROWS, Column, Contents, columns_by_header, contents_of
 from observer_fi.logs.inspection.guesses import Guess, guesses
 from observer_fi.logs.inspection.map_text import map_text
@@ -59,6 +60,21 @@ class Inspection:
     refused: str = ""
     notes: tuple[str, ...] = ()
 
+    @property
+    def needs_map(self) -> bool:
+        """Whether the file is no log without a map."""
+        plain = all(
+            g.header == g.column and g.scale == 1.0 and g.unit in _OWN_UNITS for g in self.guesses.values()
+        )
+        table = self.contents.table
+        found_alone = table is None or (
+            table.separator != " " and table.header_line and table.data_line == table.header_line + 1
+        )
+        return not (plain and found_alone and self.guesses and not self.refused)
+
+
+_OWN_UNITS = {kind.unit for kind in COLUMNS.values()} | {STAMPS}
+
 
 def inspect_log(path: str, column_map: ColumnMap | None = None, rig: Rig | None = None) -> Inspection:
     """What a file holds. Raises InvalidLogError for one that cannot be read or is no table, for nothing else."""
@@ -66,7 +82,9 @@ def inspect_log(path: str, column_map: ColumnMap | None = None, rig: Rig | None 
     values = {column.header: column.values for column in columns_by_header(contents)}
     with np.errstate(all="ignore"):
         found = guesses(contents, column_map)
-        found = with_nameless(found, values, _silent(contents))
+        found = with_commands(found, tuple(columns_by_header(contents)))
+        found = with_nameless(found, values, _silent(contents, found))
+        found = with_commands(found, tuple(columns_by_header(contents)))
         found, doubts = checked_by_motor(found, values, rig.model if rig else None)
         clock = _clock(contents, found, values)
     text = map_text(contents, found)
@@ -79,13 +97,14 @@ def inspect_log(path: str, column_map: ColumnMap | None = None, rig: Rig | None 
     return _as_log(bare, rig)
 
 
-def _silent(contents: Contents) -> list[str]:
-    """Headers that say nothing."""
+def _silent(contents: Contents, found: dict[str, Guess]) -> list[str]:
+    """Headers that say nothing, and are nothing yet."""
+    taken = {guess.header for guess in found.values()}
     heard = ((c.header, understood(c.header, c.unit)) for c in columns_by_header(contents))
     return [
-        header
-        for header, h in heard
-        if not h.quantities and h.unit is None and not h.commanded and not h.deviation
+        name
+        for name, h in heard
+        if name not in taken and not (h.quantities or h.unit or h.commanded or h.deviation)
     ]
 
 
@@ -126,7 +145,7 @@ def _advice(contents: Contents, found: dict[str, Guess]) -> tuple[str, ...]:
             f"position_m may be {goal!r} less {off[0]!r}: a map cannot subtract, write it as a column of its own"
         )
     if "time_s" not in found:
-        counters = [h for h, u in heard.items() if "number" in u.quantities]
+        counters = [h for h, u in heard.items() if "number" in u.quantities and not u.deviation]
         hint = f" ({', '.join(counters[:3])} only count)" if counters else ""
         said.append(
             f"no column is a clock{hint}: write time_s as a column, or the rate of the logger is not known"

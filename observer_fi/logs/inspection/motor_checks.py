@@ -14,6 +14,7 @@ from observer_fi.records import Array
 FOLLOWS = 0.9  # share of the variance from which one column follows another
 CLEAR = 10.0  # standard errors
 RESISTANCES = (0.02, 500.0)  # ohm, of the motors this is for
+NEARLY = 0.15  # of a logarithm: the slip of a belt, the D of a data sheet
 SAME = 0.98  # share of the variance: a position and its command
 
 Guesses = dict[str, Guess]
@@ -31,22 +32,34 @@ def checked_by_motor(
         for column, guess in found.items()
         if guess.header in values
     }
-    if "time_s" not in given or "position_m" not in given:
-        return found, ()
     doubts: list[str] = []
+    if "current_a" in given and _is_magnitude(given):
+        doubts.append(
+            "current_a is never negative while the position goes both ways: it may be a magnitude, without its sign"
+        )
+    if "time_s" not in given or "position_m" not in given:
+        return found, tuple(doubts)
     if "voltage_v" in given and "current_a" in given:
         found = _by_equation(found, given, model, doubts)
-    elif model is not None and "speed_cmd_rad_s" in given:
-        slope = rate_of(given["time_s"], given["position_m"], given["speed_cmd_rad_s"])
-        if slope is not None and slope.explained > FOLLOWS:
-            found = _scaled(
-                found, "position_m", slope.slope / model["D"], "D times the commanded speed", doubts
-            )
+    if model is not None and "speed_cmd_rad_s" in given:
+        now = values[found["position_m"].header] * found["position_m"].scale
+        found = _by_speed(found, given, now, model, doubts)
     if "position_cmd_m" in given:
         found = _by_command(found, given, doubts)
     if "encoder_rad" in given and "speed_cmd_rad_s" in given:
         found = _encoder(found, given, doubts)
     return found, tuple(doubts)
+
+
+def _is_magnitude(given: Mapping[str, Array]) -> bool:
+    """Whether the current has one sign while a position goes there and back."""
+    x = given.get("position_m", given.get("position_cmd_m", np.empty(0)))
+    x, i = x[np.isfinite(x)], given["current_a"][np.isfinite(given["current_a"])]
+    if x.size < 8 or i.size < 8:
+        return False
+    span, steps = float(np.ptp(x)), np.diff(x)
+    both_ways = min(float(steps[steps > 0.0].sum()), -float(steps[steps < 0.0].sum())) > 0.5 * span > 0.0
+    return both_ways and float(i.min()) > -0.05 * float(i.max())
 
 
 def _by_equation(
@@ -121,6 +134,28 @@ def _by_resistance(found: Guesses, resistance: float, doubts: list[str]) -> Gues
             return found | {"current_a": changed}
     doubts.append(f"voltage and current would make a winding of {resistance:.2g} ohm: is a unit wrong?")
     return found
+
+
+def _by_speed(
+    found: Guesses, given: Mapping[str, Array], x: Array, model: Model, doubts: list[str]
+) -> Guesses:
+    """A commanded speed of which the position x [m] is D times the integral: its unit, or that of a position no motor told."""
+    guess, units = found["speed_cmd_rad_s"], COLUMNS["speed_cmd_rad_s"].units
+    slope = rate_of(given["time_s"], x, given["speed_cmd_rad_s"] / guess.scale)
+    if slope is None or slope.explained < FOLLOWS:
+        return found
+    wanted = abs(slope.slope) / model["D"]
+    if "voltage_v" not in given and not found["position_m"].told:
+        return _scaled(found, "position_m", wanted / guess.scale, "D times the commanded speed", doubts)
+    unit = next((u for u, f in units.items() if abs(np.log(wanted / f)) < NEARLY), None)
+    if unit is None or (guess.told and unit != guess.unit):
+        share = wanted / units[guess.unit]
+        doubts.append(
+            f"the position goes {share:.3g} times the way that speed_cmd_rad_s and the rig's D give"
+        )
+        return found
+    why = (*guess.why, "fits D of the rig")
+    return found | {"speed_cmd_rad_s": replace(guess, unit=unit, why=why, also=_without_units(guess))}
 
 
 def _by_command(found: Guesses, given: Mapping[str, Array], doubts: list[str]) -> Guesses:

@@ -7,13 +7,12 @@ import numpy as np
 
 from observer_fi.logs.columns import COLUMNS
 from observer_fi.logs.inspection.guesses import GUESS, Guess
-from observer_fi.logs.inspection.motor_checks import CLEAR
 from observer_fi.logs.inspection.relations import DriveFit, drive_fit
 from observer_fi.records import Array
 
 MOTOR = ("voltage_v", "current_a", "position_m")
 MOST = 8  # columns that are tried
-EXPLAINED = 0.95  # share of the variance of the rate of a position
+EXPLAINED, CLEAR = 0.9, 5.0  # share of the variance of the rate of a position; standard errors
 
 
 def with_nameless(

@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.numerics import filled
 from observer_fi.records import Array
 
-FEWEST = 40  # windows
-SHORTEST, WINDOWS = 8, 400  # samples of a window at least; windows of a log
+FEWEST = 30  # windows
+SHORTEST, WINDOWS = 4, 400  # samples of a window at least; windows of a log
+CLEAR_OF_NOISE = 0.1  # share of a change that may be noise
 MOST_SAMPLES = 100_000
 
 
@@ -33,28 +35,46 @@ class Slope(NamedTuple):
     explained: float
 
 
-def window_of(n: int) -> int:
-    """Samples over which differences are taken."""
-    return max(SHORTEST, n // WINDOWS)
+def _window(x: Array) -> int:
+    """Samples over which differences of a position (n,) stand out of its noise, as far as there are windows enough."""
+    size = max(SHORTEST, x.size // WINDOWS)
+    noise = float(np.sqrt(np.median(np.diff(x, 2) ** 2) / 2.7))
+    while 2 * size * FEWEST <= x.size:
+        change = np.abs(x[size:] - x[:-size])
+        if 2.0 * noise / np.sqrt(size) < CLEAR_OF_NOISE * float(np.quantile(change, 0.9)):
+            break
+        size *= 2
+    return size
 
 
 def rates(t: Array, x: Array, *others: Array) -> tuple[Array, ...] | None:
-    """Mean rate of x over windows (m,), and the means of others; None where there are too few windows."""
+    """Mean rate of x over windows (m,), and the means of others; None where there are too few windows.
+
+    All are smoothed alike first, which what is linear between them does not feel.
+    """
     n = min(t.size, MOST_SAMPLES)
-    size = window_of(n)
-    count = n // size
-    if count < FEWEST:
+    t, x = t[:n], x[:n]
+    if n < FEWEST * SHORTEST or not (np.isfinite(t).all() and np.isfinite(x).mean() > 0.5):
         return None
-    ends = np.arange(count + 1) * size
-    ends[-1] = min(ends[-1], n - 1)
-    dt = np.diff(t[ends])
-    means = [
-        np.add.reduceat(v[:n], ends[:-1])[:count] / np.diff(np.append(ends[:-1], n))[:count] for v in others
-    ]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = (np.diff(x[ends]) / dt, *means)
-    good = np.all([np.isfinite(f) for f in found], axis=0) & (dt > 0.0)
-    return tuple(f[good] for f in found) if np.count_nonzero(good) >= FEWEST else None
+    x = filled(x)
+    size = _window(x)
+    ends = np.arange(0, n - 2 * size, size)
+    if ends.size < FEWEST or not (np.diff(t[ends]) > 0.0).all():
+        return None
+    smooth = [_means(filled(v[:n]), size) for v in (x, *others)]
+    dt = t[ends + size] - t[ends]
+    sums = (np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]))) for v in smooth[1:])
+    found = (
+        (smooth[0][ends + size] - smooth[0][ends]) / dt,
+        *((s[ends + size] - s[ends]) / size for s in sums),
+    )
+    return found if all(np.isfinite(f).all() for f in found) else None
+
+
+def _means(x: Array, size: int) -> Array:
+    """(n - size + 1,) means of `size` neighbours."""
+    total = np.append(0.0, np.cumsum(x - x[0]))
+    return (total[size:] - total[:-size]) / size + x[0]
 
 
 def drive_fit(t: Array, voltage: Array, current: Array, position: Array) -> DriveFit | None:
@@ -99,6 +119,15 @@ def _slope(x: Array, y: Array) -> Slope:
     slope = float(x @ y) / float(x @ x)
     left = y - slope * x
     return Slope(slope, 1.0 - float(left @ left) / float(y @ y))
+
+
+def leads(x: Array, y: Array) -> float:
+    """How far x is ahead of y, which follows it: the correlation of x - y with the rate of x, from -1 to 1."""
+    rate, off = np.gradient(x), x - y
+    good = np.isfinite(rate) & np.isfinite(off)
+    rate, off = rate[good], off[good] - off[good].mean()
+    scale = float(np.sqrt((rate @ rate) * (off @ off)))
+    return float(rate @ off) / scale if scale > 0.0 else 0.0
 
 
 def roughness(x: Array) -> float:

@@ -130,6 +130,17 @@ def understood(header: str, told_unit: str = "") -> Header:
     )  # fmt: skip
 
 
+def meaning(header: Header) -> str:
+    """What a column may be that is none of a log, in words."""
+    if header.deviation:
+        return "a deviation"
+    quantity = next(iter(header.quantities), header.unit.of if header.unit else "")
+    if not quantity:
+        return ""
+    words = {"number": "a number of something", "speed": "a measured speed", "another": ""}
+    return words.get(quantity, f"{'a commanded ' if header.commanded else ''}{quantity}")
+
+
 def _split(header: str) -> tuple[str, str]:
     """Name and unit of a header: "Weg [mm]", "U / V", "i_mA", "Strom in A", "pos.um"."""
     bracketed = _BRACKETED.search(header)
