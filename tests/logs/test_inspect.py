@@ -297,6 +297,43 @@ def test_columns_without_names_are_told_by_the_motor(tmp_path: Path) -> None:
     assert np.array_equal(read_with(found).z[:, 0], np.array([float(row.split("\t")[4]) for row in rows]))
 
 
+@pytest.mark.parametrize("turned", ["voltage_v", "current_a", "position_m", "speed_cmd_rad_s"])
+def test_a_sign_that_is_the_other_way_round_is_turned_back(turned: str, tmp_path: Path) -> None:
+    columns = {"voltage_v": V, "current_a": I, "position_m": X * 1e3, "speed_cmd_rad_s": W}
+    columns[turned] = -columns[turned]
+    style = Style(
+        ("t [s]", "U [V]", "I [A]", "x [mm]", "n_soll [rad/s]"), (T, *columns.values()), digits="{:.9g}"
+    )
+    found = inspect_log(str(write(style, tmp_path / "log.csv")))
+    assert {c: g.factor for c, g in found.guesses.items() if g.factor != 1.0} == {turned: -1.0}
+    assert np.allclose(read_with(found).z, TABLE[:, 1:4], atol=1e-6)
+
+
+def test_signs_without_a_voltage(tmp_path: Path) -> None:
+    style = Style(("t [s]", "I [A]", "x [mm]", "n_soll [rad/s]"), (T, I, -X * 1e3, W))
+    found = inspect_log(str(write(style, tmp_path / "log.csv")))
+    assert found.guesses["position_m"].factor == -1.0
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rad", 1.0), ("deg", 180.0 / np.pi), ("rev", 0.5 / np.pi)])
+@pytest.mark.parametrize("rig", [None, RIG], ids=["alone", "rig"])
+def test_the_unit_of_an_encoder(unit: str, factor: float, rig: Any, tmp_path: Path) -> None:
+    angle = np.cumsum(W) / 1600.0 * factor
+    style = Style(
+        ("t [s]", "U [V]", "I [A]", "x [mm]", "encoder", "n_soll [rad/s]"), (T, V, I, X * 1e3, angle, W)
+    )
+    assert inspect_log(str(write(style, tmp_path / "log.csv")), None, rig).guesses["encoder_rad"].unit == unit
+
+
+def test_days_of_a_spreadsheet_are_a_clock(tmp_path: Path) -> None:
+    style = Style(
+        ("Date", "U [V]", "I [A]", "x [mm]"), (46_000.25 + T * 10 / 86_400.0, V, I, X * 1e3), digits="{:.17g}"
+    )
+    found = inspect_log(str(write(style, tmp_path / "log.csv")))
+    assert found.clock is not None and found.clock.rate_hz == pytest.approx(160.0, rel=1e-3)
+    assert np.allclose(np.diff(read_with(found).t), 10 / 1600.0, atol=2e-6)
+
+
 def test_a_position_and_its_command_are_told_apart(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     goal = np.interp(T, [0.0, 0.2, 0.7, 1.0], [0.0, 0.0, 0.4, 0.4])
@@ -335,6 +372,7 @@ HEADERS = {
     "course [mm]": ("position", "mm"), "corsa mm": ("position", "mm"), "Klemmenspannung [V]": ("voltage", "V"),
     "Nick­winkel [°]": ("pitch", "deg"), "φ [rad]": ("angle", "rad"), "Ist-Drehzahl (min⁻¹)": ("speed", "rpm"),
     "position.um": ("position", "um"), "t_us": ("time", "us"), "Kraft_kN": ("force", "kN"), "courant(A)": ("current", "A"),
+    "current_position_mm": ("position", "mm"), "load current": ("current", ""), "Motor position [rad]": ("position", "rad"),
     "velocidad_rad_s": ("speed", "rad/s"), "zeit": ("time", ""), "Temps,ms": ("time", "ms"),
 }  # fmt: skip
 
@@ -351,6 +389,8 @@ def test_a_header_says_its_quantity_and_its_unit(header: str) -> None:
 def test_words_that_only_look_alike_say_nothing() -> None:
     for header in ("CH1", "AI0", "lista", "existing", "foo_baz", ""):
         assert not understood(header).quantities and understood(header).unit is None
+    for header in ("Supply voltage [V]", "U_bus", "Versorgungsspannung", "V_bat", "Acceleration [m/s]"):
+        assert not {"voltage", "speed"} & set(understood(header).quantities)
     assert understood("Sollposition").commanded and not understood("Istposition").commanded
     assert (
         unit_of("S") is None and unit_of("x") is None and unit_of("[mm]") == unit_of("(mm)") == unit_of("mm")

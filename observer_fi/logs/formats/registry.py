@@ -32,6 +32,19 @@ def suffix_of(path: str | Path) -> str:
     return next((suffix for suffix in SUFFIXES if name.endswith(suffix)), "")
 
 
+def check_kind(path: str, magic: bytes) -> None:
+    """Raises InvalidLogError for a binary format under the suffix of a text."""
+    if suffix_of(path) in READERS:
+        return
+    for start, name, suffix in (
+        (b"PAR1", "a Parquet", ".parquet"),
+        (b"MDF ", "an MDF", ".mf4"),
+        (b"TDSm", "a TDMS", ".tdms"),
+    ):
+        if magic == start:
+            raise InvalidLogError(f"{path}: this is {name} file; rename it to end in {suffix}")
+
+
 def open_table(source: Source, column_map: ColumnMap) -> Table:
     """Opens the file far enough to know its columns. Raises InvalidLogError, the one line for the user."""
     path, magic = source.path, source.magic
@@ -40,8 +53,7 @@ def open_table(source: Source, column_map: ColumnMap) -> Table:
     suffix = suffix_of(path)
     if not suffix:
         raise InvalidLogError(f"{path}: unknown kind of file; logs end in {', '.join(SUFFIXES)}")
-    if suffix not in READERS and magic == b"PAR1":
-        raise InvalidLogError(f"{path}: this is a Parquet file; rename it to end in .parquet")
+    check_kind(path, magic)
     try:
         table = READERS.get(suffix, open_csv)(source, column_map)
     except OSError as error:

@@ -14,7 +14,7 @@ from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first
 from observer_fi.logs.formats.mat import mat_vectors
 from observer_fi.logs.formats.mdf import Group, best_group, mdf_groups
 from observer_fi.logs.formats.parquet import parquet_columns
-from observer_fi.logs.formats.registry import READERS, SUFFIXES, suffix_of
+from observer_fi.logs.formats.registry import READERS, SUFFIXES, check_kind, suffix_of
 from observer_fi.logs.formats.source import Source, utf8_pieces
 from observer_fi.logs.formats.stamps import STAMP, Stamps, is_stamp
 from observer_fi.logs.formats.tdms import tdms_columns
@@ -74,6 +74,7 @@ def contents_of(path: str, column_map: ColumnMap | None = None) -> Contents:
     suffix = suffix_of(path)
     if not suffix:
         raise InvalidLogError(f"{path}: unknown kind of file; logs end in {', '.join(SUFFIXES)}")
+    check_kind(path, source.magic)
     try:
         found = _OF_KIND[suffix](source) if suffix in READERS else _of_text(source, column_map)
     except OSError as error:

@@ -20,7 +20,14 @@ BACKWARD, UNEVEN = (
     1e-3,
     0.1,
 )  # shares of intervals of a clock that may run backward, or be far from the median
-_EPOCHS = {"s": (8e8, 4.2e9), "ms": (8e11, 4.2e12), "us": (8e14, 4.2e15), "ns": (8e17, 4.2e18)}
+_EPOCHS = {
+    "s": (8e8, 2.6e9),
+    "ms": (8e11, 2.6e12),
+    "us": (8e14, 2.6e15),
+    "ns": (8e17, 2.6e18),
+}  # 1995 to 2052
+_DAYS = {"Excel": (3e4, 6e4), "MATLAB": (7e5, 8e5)}  # days that programs count
+DAY_S = 86_400.0
 _OF_UNIT = {
     "time": ("time_s",), "voltage": ("voltage_v",), "current": ("current_a",), "length": ("position_m", "position_cmd_m"),
     "angle": ("pitch_deg", "encoder_rad"), "turns": ("encoder_rad",), "speed": ("speed_cmd_rad_s",),
@@ -149,7 +156,17 @@ def _named(column: Column) -> Named:
         points["time_s"] = points.get("time_s", 0.0) + _as_clock(column, clock, header)
     if column.stamps:
         points = {"time_s": points["time_s"]}
+    if "pitch_deg" in points and _turns(column.values, header):
+        points["pitch_deg"] += CLASH
     return Named(column, header, points)
+
+
+def _turns(values: Array, header: Header) -> bool:
+    """Whether an angle goes further than a vehicle pitches."""
+    known = np.abs(values[np.isfinite(values)])
+    in_rad = header.unit is not None and header.unit.unit == "rad"
+    factor = header.unit.factor if header.unit is not None else 1.0
+    return bool(known.size and float(known.max()) * factor > (1.6 if in_rad else 90.0))
 
 
 def _as_clock(column: Column, clock: Steady | None, header: Header) -> float:
@@ -181,6 +198,10 @@ def _points(header: Header) -> dict[str, float]:
         points[column] = (
             points.get(column, 0.0) + BY_UNIT - (0.0 if column in points or not header.quantities else 2.0)
         )
+    if of in ("angle", "turns") and "position" in header.quantities and not header.commanded:
+        points["encoder_rad"] = points.get("encoder_rad", 0.0) + 0.5 * BY_NAME  # the position of a motor
+    if header.commanded and "voltage_v" in points:
+        points["voltage_v"] -= NEAR  # a measured one is better
     if not header.quantities and header.commanded and of is None:
         points["position_cmd_m"] = 0.5 * BY_NAME
     return points
@@ -304,6 +325,12 @@ def _time_guess(one: Named, contents: Contents, why: list[str]) -> Guess:
             )
     if unit is not None and unit.of == "time":
         return Guess("time_s", column.header, unit.unit, 1.0, (*why, f"unit {header.unit_text}"), told=True)
+    steps = steady(column.values)
+    for program, (low, high) in _DAYS.items():
+        if low < first < high and steps is not None and RATES[0] < 1.0 / (steps.step * DAY_S) < RATES[1]:
+            return Guess(
+                "time_s", column.header, "s", DAY_S, (*why, f"days as {program} counts them"), LIKELY
+            )
     chosen, also, because = _time_unit(column.values)
     return Guess("time_s", column.header, chosen, 1.0, (*why, because), also=also)
 

@@ -13,6 +13,7 @@ from observer_fi.records import Array
 
 FOLLOWS = 0.9  # share of the variance from which one column follows another
 CLEAR = 10.0  # standard errors
+CONSUMES = 0.5  # share of the electrical work: a load that falls gives some back
 RESISTANCES = (0.02, 500.0)  # ohm, of the motors this is for
 NEARLY = 0.15  # of a logarithm: the slip of a belt, the D of a data sheet
 SAME = 0.98  # share of the variance: a position and its command
@@ -27,11 +28,7 @@ def checked_by_motor(
 
     values: (n,) numbers of the file by its headers. Units that stand in the file are never changed.
     """
-    given = {
-        column: values[guess.header] * guess.scale
-        for column, guess in found.items()
-        if guess.header in values
-    }
+    given = _in_si(found, values)
     doubts: list[str] = []
     if "current_a" in given and _is_magnitude(given):
         doubts.append(
@@ -41,14 +38,18 @@ def checked_by_motor(
         return found, tuple(doubts)
     if "voltage_v" in given and "current_a" in given:
         found = _by_equation(found, given, model, doubts)
-    if model is not None and "speed_cmd_rad_s" in given:
-        now = values[found["position_m"].header] * found["position_m"].scale
-        found = _by_speed(found, given, now, model, doubts)
+    if "speed_cmd_rad_s" in given:
+        found = _by_speed(found, _in_si(found, values), model, doubts)
     if "position_cmd_m" in given:
-        found = _by_command(found, given, doubts)
-    if "encoder_rad" in given and "speed_cmd_rad_s" in given:
-        found = _encoder(found, given, doubts)
+        found = _by_command(found, _in_si(found, values), doubts)
+    if "encoder_rad" in given:
+        found = _encoder(found, _in_si(found, values), model, doubts)
     return found, tuple(doubts)
+
+
+def _in_si(found: Guesses, values: Mapping[str, Array]) -> dict[str, Array]:
+    """The columns that were guessed, in the units of the contract."""
+    return {c: values[guess.header] * guess.scale for c, guess in found.items() if guess.header in values}
 
 
 def _is_magnitude(given: Mapping[str, Array]) -> bool:
@@ -68,13 +69,14 @@ def _by_equation(
     fit = drive_fit(given["time_s"], given["voltage_v"], given["current_a"], given["position_m"])
     if fit is None or fit.explained < FOLLOWS:
         return found
-    if fit.gain < 0.0:
-        found = _turned(found, "position_m", "falls where the voltage is positive")
     clear = abs(fit.resistance) > CLEAR * fit.std
-    if clear and fit.resistance < 0.0:
-        doubts.append(
-            "current_a has the sign opposite to that of the voltage (V - Rm i would need a negative Rm)"
-        )
+    gives = fit.resistance < 0.0 and _consumption(given["voltage_v"], given["current_a"]) < -CONSUMES
+    if gives and fit.gain < 0.0:
+        found = _turned(found, "voltage_v", "opposite to current and position")
+    elif fit.gain < 0.0:
+        found = _turned(found, "position_m", "falls where the voltage is positive")
+    elif gives:
+        found = _turned(found, "current_a", "the motor would give power, not take it")
     if model is not None and model["Km"] > 0.0:
         ratio = abs(fit.gain) / (model["D"] / model["Km"])
         found = _scaled(found, "position_m", ratio, "D (V - Rm i) / Km of the rig", doubts)
@@ -83,6 +85,13 @@ def _by_equation(
     elif clear:
         found = _by_resistance(found, abs(fit.resistance), doubts)
     return found
+
+
+def _consumption(voltage: Array, current: Array) -> float:
+    """Electrical work that a motor takes, as a share of all that goes in and out, from -1 to 1."""
+    power = voltage * current
+    power = power[np.isfinite(power)]
+    return float(power.sum() / np.abs(power).sum()) if power.any() else 0.0
 
 
 def _turned(found: Guesses, column: str, because: str) -> Guesses:
@@ -136,22 +145,26 @@ def _by_resistance(found: Guesses, resistance: float, doubts: list[str]) -> Gues
     return found
 
 
-def _by_speed(
-    found: Guesses, given: Mapping[str, Array], x: Array, model: Model, doubts: list[str]
-) -> Guesses:
-    """A commanded speed of which the position x [m] is D times the integral: its unit, or that of a position no motor told."""
+def _by_speed(found: Guesses, given: Mapping[str, Array], model: Model | None, doubts: list[str]) -> Guesses:
+    """A commanded speed of which the position is D times the integral: its sign, with a rig its unit, or that of the position."""
     guess, units = found["speed_cmd_rad_s"], COLUMNS["speed_cmd_rad_s"].units
-    slope = rate_of(given["time_s"], x, given["speed_cmd_rad_s"] / guess.scale)
+    slope = rate_of(given["time_s"], given["position_m"], given["speed_cmd_rad_s"])
     if slope is None or slope.explained < FOLLOWS:
         return found
-    wanted = abs(slope.slope) / model["D"]
-    if "voltage_v" not in given and not found["position_m"].told:
-        return _scaled(found, "position_m", wanted / guess.scale, "D times the commanded speed", doubts)
-    unit = next((u for u, f in units.items() if abs(np.log(wanted / f)) < NEARLY), None)
+    motor_told = "voltage_v" in given
+    if slope.slope < 0.0:
+        turned = "speed_cmd_rad_s" if motor_told else "position_m"
+        found = _turned(found, turned, "position and commanded speed go opposite ways")
+        guess = found["speed_cmd_rad_s"]
+    if model is None:
+        return found
+    ratio = abs(slope.slope) / model["D"]
+    if not motor_told and not found["position_m"].told:
+        return _scaled(found, "position_m", ratio, "D times the commanded speed", doubts)
+    unit = next((u for u, f in units.items() if abs(np.log(ratio * units[guess.unit] / f)) < NEARLY), None)
     if unit is None or (guess.told and unit != guess.unit):
-        share = wanted / units[guess.unit]
         doubts.append(
-            f"the position goes {share:.3g} times the way that speed_cmd_rad_s and the rig's D give"
+            f"the position goes {ratio:.3g} times the way that speed_cmd_rad_s and the rig's D give"
         )
         return found
     why = (*guess.why, "fits D of the rig")
@@ -163,6 +176,8 @@ def _by_command(found: Guesses, given: Mapping[str, Array], doubts: list[str]) -
     slope = follows(given["position_cmd_m"], given["position_m"])
     if slope is None or slope.explained < FOLLOWS:
         return found
+    if slope.slope < 0.0:
+        found = _turned(found, "position_cmd_m", "goes the other way than the position")
     command, measured = found["position_cmd_m"], found["position_m"]
     if (
         roughness(given["position_cmd_m"]) > 3.0 * roughness(given["position_m"]) > 0.0
@@ -190,19 +205,29 @@ def _by_command(found: Guesses, given: Mapping[str, Array], doubts: list[str]) -
     return found
 
 
-def _encoder(found: Guesses, given: Mapping[str, Array], doubts: list[str]) -> Guesses:
-    """An angle whose rate is the commanded speed, in the one unit in which it is."""
-    slope = rate_of(given["time_s"], given["encoder_rad"], given["speed_cmd_rad_s"])
-    guess = found["encoder_rad"]
-    if slope is None or slope.explained < FOLLOWS:
+def _encoder(found: Guesses, given: Mapping[str, Array], model: Model | None, doubts: list[str]) -> Guesses:
+    """An angle beside the position: its sign, and its unit by the rig's D, or by a commanded speed whose unit is told."""
+    guess, units = found["encoder_rad"], COLUMNS["encoder_rad"].units
+    beside = follows(given["encoder_rad"], given["position_m"])
+    if beside is None or beside.explained < FOLLOWS:
         return found
-    for unit, factor in COLUMNS["encoder_rad"].units.items():
-        own = COLUMNS["encoder_rad"].units[guess.unit]
-        if abs(np.log(abs(slope.slope) * factor / own)) < 0.2 and found["speed_cmd_rad_s"].told:
-            if unit == guess.unit:
-                return found
-            if not guess.told:
-                why = (*guess.why, f"its rate is the commanded speed in {unit}")
-                return found | {"encoder_rad": replace(guess, unit=unit, why=why, also=())}
-    doubts.append(f"the rate of {guess.header!r} is {slope.slope:.3g} times the commanded speed")
-    return found
+    if beside.slope < 0.0:
+        found = _turned(found, "encoder_rad", "goes the other way than the position")
+        guess = found["encoder_rad"]
+    ratio = None
+    if model is not None:
+        ratio = abs(beside.slope) / model["D"]
+    elif "speed_cmd_rad_s" in given and found["speed_cmd_rad_s"].told:
+        rate = rate_of(given["time_s"], given["encoder_rad"], given["speed_cmd_rad_s"])
+        ratio = (
+            1.0 / abs(rate.slope) if rate is not None and rate.explained > FOLLOWS and rate.slope else None
+        )
+    if ratio is None:
+        return found
+    unit = next((u for u, f in units.items() if abs(np.log(ratio * units[guess.unit] / f)) < NEARLY), None)
+    if unit is None or (guess.told and unit != guess.unit):
+        what = "the rig's D" if model is not None else "the commanded speed"
+        doubts.append(f"{guess.header!r} turns {1.0 / ratio:.3g} times as far as {what} gives")
+        return found
+    why = (*guess.why, "fits D of the rig" if model is not None else "its rate is the commanded speed")
+    return found | {"encoder_rad": replace(guess, unit=unit, why=why, also=_without_units(guess))}

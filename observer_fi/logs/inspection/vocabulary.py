@@ -25,6 +25,9 @@ NAMES: dict[str, str] = {
     "temperature": "temperature temp temperatur temperatura celsius",
     "torque": "torque moment drehmoment couple coppia par",
     "power": "power leistung puissance potenza potencia",
+    "supply": "supply bus battery batterie dc link zwischenkreis versorgung versorgungsspannung netz netzspannung bat vbat vcc vin vdc vbus "
+    "vsupply alimentation alimentazione alimentacion bordnetz",
+    "acceleration": "acc accel acceleration beschleunigung accelerazione aceleracion jerk ruck",
     "number": "index idx sample nr no number nummer id counter count zaehler row zeile cycle zyklus run group status state mode "
     "flag error fault code echantillon",
 }  # fmt: skip
@@ -120,7 +123,10 @@ def understood(header: str, told_unit: str = "") -> Header:
         unit_text = told_unit.strip()
     words = _words(name)
     quantities = {q: share for q, vocabulary in _WORDS.items() if (share := _said(words, vocabulary)) > 0.0}
+    quantities = _without_qualifiers(quantities, words)
     unit = unit_of(unit_text) if unit_text else None
+    if unit is None and not unit_text and len(header.strip()) > 1 or header.strip() in ("A", "V", "N"):
+        unit, unit_text = unit_of(header), header.strip()  # a header that is nothing but a unit
     small = re.fullmatch(r".*_([van])", header)  # voltage_v, as the contract writes it
     if unit is None and small and UNITS[small[1].upper()].of in quantities:
         unit, unit_text = UNITS[small[1].upper()], small[1].upper()
@@ -128,6 +134,16 @@ def understood(header: str, told_unit: str = "") -> Header:
         quantities, unit, unit_text,
         _said(words, _COMMANDED) > 0.0, _said(words, _MEASURED) > 0.0, _said(words, _DEVIATION) > 0.0,
     )  # fmt: skip
+
+
+def _without_qualifiers(quantities: dict[str, float], words: list[str]) -> dict[str, float]:
+    """Without words that tell another one apart: the current position, the load current, the voltage of the supply."""
+    if "supply" in quantities:
+        return {"supply": quantities["supply"]}
+    main = {q: share for q, share in quantities.items() if q not in ("load", "number")}
+    if "current" in words and set(main) - {"current"}:
+        main.pop("current", None)
+    return main or quantities
 
 
 def meaning(header: Header) -> str:
