@@ -192,7 +192,8 @@ def _move(move: Motion) -> str:
 
 
 def _need_lines(found: Inspection) -> Iterator[str]:
+    yield "for diagnose, fleet, identify, improve, by the drive of the rig file:"
     for need in found.needs:
-        live = f" (watch: {', '.join(need.for_streams)} too)" if need.for_streams else ""
+        live = f"; watch needs {', '.join(need.for_streams)} too" if need.for_streams else ""
         what = f"missing: {', '.join(need.missing)}" if need.missing else "everything is there"
-        yield f"drive {need.drive}: {what}{live}"
+        yield f"  {need.drive}: {what}{live}"

@@ -250,6 +250,14 @@ def test_the_unit_of_a_clock_follows_from_rates_that_loggers_have(
     assert inspect_log(str(write(style, tmp_path / "log.csv"))).guesses["time_s"].unit == unit
 
 
+def test_noise_that_no_sensor_has_says_the_unit_of_a_position(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).standard_normal(T.size)
+    for scale, units in ((1e-2, {"mm"}), (1e-5, {"m", "mm"})):
+        style = Style(("t [s]", "I [A]", "x"), (T, I, np.interp(T, [0.2, 0.7], [0.0, 0.8]) + scale * noise))
+        guess = inspect_log(str(write(style, tmp_path / "log.csv"))).guesses["position_m"]
+        assert {guess.unit, *(text.removeprefix("or ") for text in guess.also)} == units
+
+
 def test_a_clock_of_two_possible_units_says_both(tmp_path: Path) -> None:
     style = Style(("t", "U [V]", "I [A]", "x [mm]"), (np.arange(T.size) * 0.04, V, I, X * 1e3))
     guess = inspect_log(str(write(style, tmp_path / "log.csv"))).guesses["time_s"]
@@ -372,7 +380,8 @@ HEADERS = {
     "course [mm]": ("position", "mm"), "corsa mm": ("position", "mm"), "Klemmenspannung [V]": ("voltage", "V"),
     "Nick­winkel [°]": ("pitch", "deg"), "φ [rad]": ("angle", "rad"), "Ist-Drehzahl (min⁻¹)": ("speed", "rpm"),
     "position.um": ("position", "um"), "t_us": ("time", "us"), "Kraft_kN": ("force", "kN"), "courant(A)": ("current", "A"),
-    "current_position_mm": ("position", "mm"), "load current": ("current", ""), "Motor position [rad]": ("position", "rad"),
+    "UM": ("voltage", ""), "current_position_mm": ("position", "mm"), "load current": ("current", ""),
+    "Motor position [rad]": ("position", "rad"),
     "velocidad_rad_s": ("speed", "rad/s"), "zeit": ("time", ""), "Temps,ms": ("time", "ms"),
 }  # fmt: skip
 

@@ -14,6 +14,7 @@ SURE, LIKELY, GUESS = "sure", "likely", "a guess"
 LEAST = 1.4  # points from which a column is taken for a quantity: a letter alone
 NEAR = 1.0  # points by which a rival may be behind
 BY_NAME, BY_UNIT, CLASH, STEADY = 3.0, 3.0, -6.0, 2.0
+NOISY_M = 1e-3  # m: no position sensor has so much noise
 RATES = (10.0, 1e5)  # samples a second that a logger has
 USUAL_HZ = 1000.0
 BACKWARD, UNEVEN = (
@@ -263,7 +264,7 @@ def unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tup
         else float(np.abs(known).max(initial=0.0))
     )
     if column in _LARGE:
-        return _by_size(own, top, *_LARGE[column])
+        return _by_size(own, top, _noise_of(known) if own == "m" else 0.0, *_LARGE[column])
     if column == "speed_cmd_rad_s":
         return (
             ("rpm", ("or rad/s",), f"reaches {top:.4g}")
@@ -279,12 +280,22 @@ def unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tup
     return own, ("or kN", "or kg, then factor 9.81") if column == "load_n" else ("or kN",), "no unit"
 
 
-def _by_size(own: str, top: float, unlikely: float, impossible: float) -> tuple[str, tuple[str, ...], str]:
+def _noise_of(values: Array) -> float:
+    """White noise or steps of a reading, from second differences."""
+    return float(np.sqrt(np.median(np.diff(values, 2) ** 2) / 2.7)) if values.size > 8 else 0.0
+
+
+def _by_size(
+    own: str, top: float, noise: float, unlikely: float, impossible: float
+) -> tuple[str, tuple[str, ...], str]:
     """The unit of which values of that size are believable: the largest, and the next where that is doubtful."""
     said = f"{'spans' if own == 'm' else 'reaches'} {top:.3g}"
     units = _SMALLER[own]
     for k, unit in enumerate(units[:-1]):
         size = top / 1000.0**k
+        if noise / 1000.0**k > NOISY_M:
+            said += f", noise {noise:.2g}"  # so much in this unit is no sensor's
+            continue
         if size <= unlikely:
             # a tenth of what would be unlikely may be the next unit as well: 20 mm, or 0.02 m
             return unit, ((f"or {units[k + 1]}",) if size > 0.1 * unlikely else ()), said

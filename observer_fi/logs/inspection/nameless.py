@@ -5,9 +5,9 @@ from itertools import permutations
 
 import numpy as np
 
-from observer_fi.logs.columns import COLUMNS
-from observer_fi.logs.inspection.guesses import GUESS, Guess
+from observer_fi.logs.inspection.guesses import GUESS, Guess, unit_by_values
 from observer_fi.logs.inspection.relations import DriveFit, drive_fit
+from observer_fi.logs.inspection.vocabulary import understood
 from observer_fi.records import Array
 
 MOTOR = ("voltage_v", "current_a", "position_m")
@@ -42,12 +42,11 @@ def with_nameless(
     why = (
         "V - Rm i follows its rate" if len(missing) == 1 else "the three together obey x' = D / Km (V - Rm i)"
     )
-    return found | {
-        column: Guess(
-            column, header, COLUMNS[column].unit, why=(why,), sure=GUESS, also=("the unit is open",)
-        )
-        for column, header in zip(missing, best[1], strict=False)
-    }
+    told = {}
+    for column, header in zip(missing, best[1], strict=False):
+        unit, _, because = unit_by_values(column, values[header], understood(header))
+        told[column] = Guess(column, header, unit, why=(why, because), sure=GUESS, also=("the unit is open",))
+    return found | told
 
 
 def _is_motor(fit: DriveFit) -> bool:

@@ -25,8 +25,8 @@ NAMES: dict[str, str] = {
     "temperature": "temperature temp temperatur temperatura celsius",
     "torque": "torque moment drehmoment couple coppia par",
     "power": "power leistung puissance potenza potencia",
-    "supply": "supply bus battery batterie dc link zwischenkreis versorgung versorgungsspannung netz netzspannung bat vbat vcc vin vdc vbus "
-    "vsupply alimentation alimentazione alimentacion bordnetz",
+    "supply": "supply bus battery batterie dc link zwischenkreis versorgung versorgungsspannung netz netzspannung bordnetz "
+    "bat vbat vcc vin vdc vbus vsupply alimentation alimentazione alimentacion",
     "acceleration": "acc accel acceleration beschleunigung accelerazione aceleracion jerk ruck",
     "number": "index idx sample nr no number nummer id counter count zaehler row zeile cycle zyklus run group status state mode "
     "flag error fault code echantillon",
@@ -125,8 +125,10 @@ def understood(header: str, told_unit: str = "") -> Header:
     quantities = {q: share for q, vocabulary in _WORDS.items() if (share := _said(words, vocabulary)) > 0.0}
     quantities = _without_qualifiers(quantities, words)
     unit = unit_of(unit_text) if unit_text else None
-    if unit is None and not unit_text and len(header.strip()) > 1 or header.strip() in ("A", "V", "N"):
-        unit, unit_text = unit_of(header), header.strip()  # a header that is nothing but a unit
+    if unit is None and not unit_text:  # a header that is nothing but a unit
+        alone = unit_of(header) if len(header.strip()) > 1 or header.strip() in ("A", "V", "N") else None
+        if alone is not None and (not quantities or alone.of in quantities):
+            unit, unit_text = alone, header.strip()
     small = re.fullmatch(r".*_([van])", header)  # voltage_v, as the contract writes it
     if unit is None and small and UNITS[small[1].upper()].of in quantities:
         unit, unit_text = UNITS[small[1].upper()], small[1].upper()
@@ -153,7 +155,8 @@ def meaning(header: Header) -> str:
     quantity = next(iter(header.quantities), header.unit.of if header.unit else "")
     if not quantity:
         return ""
-    words = {"number": "a number of something", "speed": "a measured speed", "another": ""}
+    speed = "a commanded speed" if header.commanded else "a measured speed"
+    words = {"number": "a number of something", "speed": speed, "linear speed": speed, "another": ""}
     return words.get(quantity, f"{'a commanded ' if header.commanded else ''}{quantity}")
 
 
