@@ -1,16 +1,14 @@
 """Files and lines to logs, and logs to moves."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
 from observer_fi.logs.acquisition import acquisition_of, with_logger, without_spikes
 from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
-from observer_fi.logs.inspection.contents import Column, digest_of
-from observer_fi.logs.inspection.guesses import Guess
-from observer_fi.logs.inspection.inspection import Inspection, inspect_log, shown_range
-from observer_fi.logs.inspection.motion import Motion
-from observer_fi.logs.inspection.vocabulary import meaning, understood
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
 from observer_fi.logs.moves import (
     Excitation,
@@ -26,6 +24,13 @@ from observer_fi.logs.moves import (
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
 from observer_fi.logs.units import suspect_units
+
+if TYPE_CHECKING:
+    from observer_fi.logs.inspection.contents import Column, digest_of
+    from observer_fi.logs.inspection.guesses import Guess
+    from observer_fi.logs.inspection.inspection import Inspection, inspect_log, shown_range
+    from observer_fi.logs.inspection.motion import Motion
+    from observer_fi.logs.inspection.vocabulary import meaning, understood
 
 __all__ = [
     "acquisition_of",
@@ -74,3 +79,19 @@ __all__ = [
     "with_logger",
     "without_spikes",
 ]
+
+# Imported when first used: only `inspect` looks at files as they are.
+_LATER = {
+    "contents": ("Column", "digest_of"),
+    "guesses": ("Guess",),
+    "inspection": ("Inspection", "inspect_log", "shown_range"),
+    "motion": ("Motion",),
+    "vocabulary": ("meaning", "understood"),
+}
+_MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.inspection.{_MODULE_OF[name]}"), name)

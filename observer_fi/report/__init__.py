@@ -7,7 +7,6 @@ from observer_fi.report import diagnosis
 from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
-from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
 from observer_fi.report.markdown import markdown_table
 from observer_fi.report.result_folder import (
     Made,
@@ -25,6 +24,7 @@ from observer_fi.report.result_folder import (
 
 if TYPE_CHECKING:
     from observer_fi.report.comparison_page import page, table
+    from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
     from observer_fi.report.learning import (
         at_mass,
         form,
@@ -75,9 +75,10 @@ __all__ = [
     "write_result",
 ]
 
-# Imported when first used: they load the rooms that learn, which a verdict does not need.
+# Imported when first used: what a verdict does not need.
 _LATER = {
     "comparison_page": ("page", "table"),
+    "inspection": ("MAP_FILE", "inspection_json", "inspection_text"),
     "learning": (
         "at_mass",
         "form",
