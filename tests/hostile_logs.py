@@ -207,7 +207,7 @@ FIELDS = (
     Scenario(
         "a separator at every end",
         _spoilt(lambda rows: [row.append("") for row in rows]),
-        error="7 fields where",
+        samples=1600,
     ),
     Scenario(
         "rows of separators",

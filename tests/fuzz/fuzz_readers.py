@@ -13,6 +13,7 @@ import resource
 import sys
 import tempfile
 import time
+import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -25,13 +26,15 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
 
 from hostile_logs import LVM, LVM_MAP, TDMS_MAP, parquet, tdms  # noqa: E402
 from hostile_tables import MAPS, RIG, RIGS, SETTINGS  # noqa: E402
-from scenarios import csv_text, healthy_rows  # noqa: E402
+from scenarios import COLUMNS, csv_text, healthy_rows  # noqa: E402
 
 from observer_fi.errors import InvalidLogError, UsageError  # noqa: E402
-from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns  # noqa: E402
+from observer_fi.logs.columns import PLAIN, ColumnMap, columns_from_table, load_columns  # noqa: E402
 from observer_fi.logs.ingest import open_log  # noqa: E402
+from observer_fi.logs.inspection.inspection import inspect_log  # noqa: E402
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, lines_of  # noqa: E402
 from observer_fi.physics.rigs import load_rig  # noqa: E402
+from observer_fi.report.inspection import inspection_text  # noqa: E402
 from observer_fi.settings import load_settings  # noqa: E402
 
 SLOWEST_S, MOST_KB = 5.0, 1 << 20
@@ -205,8 +208,6 @@ def text_seeds() -> list[bytes]:
     rows = small_rows()
     remarks = [[*row, f'"a, {k}"'] for k, row in enumerate(rows)]
     german = [[t.replace(".", ",") for t in row] for row in rows]
-    from scenarios import COLUMNS
-
     return [
         csv_text(rows).encode(),
         b"# a\n# b\n" + csv_text(rows, end="\r\n").encode(),
@@ -256,6 +257,61 @@ def tdms_seeds() -> list[bytes]:
     return [_bytes_of(tdms(short)), _bytes_of(tdms(slower))]
 
 
+def mat_seeds() -> list[bytes]:
+    from scipy.io import savemat
+
+    channels = {name: [float(row[k]) for row in small_rows()] for k, name in enumerate(COLUMNS)}
+
+    def of_version_5(packed: bool) -> Callable[[Path], Path]:
+        def write(folder: Path) -> Path:
+            savemat(folder / "run.mat", {**channels, "Rm": 20.2}, do_compression=packed)
+            return folder / "run.mat"
+
+        return write
+
+    def of_version_7(folder: Path) -> Path:
+        import h5py
+
+        with h5py.File(folder / "run.mat", "w") as file:
+            for name, values in channels.items():
+                file[name] = np.atleast_2d(values)
+        return folder / "run.mat"
+
+    return [_bytes_of(of_version_5(False)), _bytes_of(of_version_5(True)), _bytes_of(of_version_7)]
+
+
+def mdf_seeds() -> list[bytes]:
+    from asammdf import MDF, Signal
+
+    def write(folder: Path) -> Path:
+        columns = {name: np.array([float(row[k]) for row in small_rows()]) for k, name in enumerate(COLUMNS)}
+        t = columns.pop("time_s")
+        with MDF(version="4.10") as file:
+            file.append([Signal(values, t, name=name) for name, values in columns.items()])
+            return Path(file.save(folder / "run.mf4"))
+
+    return [_bytes_of(write)]
+
+
+def stamp_seeds() -> list[bytes]:
+    rows = [[f"2026-03-02T08:00:00.{k:03d}", *row[1:]] for k, row in enumerate(small_rows())]
+    german = [[f"02.03.2026 08:00:00,{k:03d}", *row[1:]] for k, row in enumerate(small_rows())]
+    return [csv_text(rows).encode(), csv_text(german, separator=";").encode()]
+
+
+def inspect_it(data: bytes, folder: Path) -> str:
+    path = folder / "log.csv"
+    path.write_bytes(data)
+    try:
+        found = inspect_log(str(path))
+    except InvalidLogError as error:
+        _check_line(str(error))
+        return "refused"
+    columns_from_table(tomllib.loads(found.column_map))
+    assert all(line.isprintable() for line in inspection_text(found).splitlines())
+    return "listed" if found.refused or found.doubts else "read"
+
+
 def table_seeds(*texts: str) -> list[bytes]:
     return [text.encode("utf-8", "replace") for text in texts if len(text) < 10_000]
 
@@ -271,6 +327,10 @@ TARGETS: dict[str, Callable[[], tuple[list[bytes], Callable[[bytes, Path], str]]
     "lvm": lambda: (lvm_seeds(), read_as("log.lvm", _map(LVM_MAP))),
     "parquet": lambda: (parquet_seeds(), read_as("log.parquet", PLAIN)),
     "tdms": lambda: (tdms_seeds(), read_as("log.tdms", _map(TDMS_MAP))),
+    "mat": lambda: (mat_seeds(), read_as("log.mat", PLAIN)),
+    "mdf": lambda: (mdf_seeds(), read_as("log.mf4", PLAIN)),
+    "stamps": lambda: (stamp_seeds(), read_as("log.csv", PLAIN)),
+    "inspect": lambda: ([*text_seeds(), *stamp_seeds()], inspect_it),
     "rig": lambda: (table_seeds(*[RIG] * len(RIGS), *RIGS), load_with(load_rig)),
     "settings": lambda: (table_seeds(*SETTINGS), load_with(load_settings)),
     "map": lambda: (table_seeds(LVM_MAP, TDMS_MAP, *MAPS), load_with(load_columns)),

@@ -609,7 +609,7 @@ MISTAKES = {
     "limits.voltage_v = 'x'": "must be a number",
     "separator = ';;'": "one character",
     "separator = ','\ndecimal_comma = true": "exclude each other",
-    "header_line = 0": "header_line must be greater than or equal to 1",
+    "header_line = -1": "header_line must be greater than or equal to 0",
     "header_line = true": "header_line must be a whole number",
     "header_line = 4\ndata_line = 4": "data_line must come after",
     "encoding = 'klingon'": "no encoding 'klingon'",
