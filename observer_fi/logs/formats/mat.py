@@ -1,4 +1,4 @@
-"""MAT files of MATLAB: version 5 to 7.2 through scipy, 7.3 (which is HDF5) through h5py; both imported on use.
+"""MAT files of MATLAB: version 5 to 7.2 by `mat5.py`, 7.3 (which is HDF5) through h5py, imported on use.
 
 Vectors of one length are columns, also those in a struct ("run.current"). Where several lengths occur, the most frequent one
 makes the table, and a note says what is left out.
@@ -13,6 +13,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.arrays import MOST_VALUES, array_table
+from observer_fi.logs.formats.mat5 import mat5_variables
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.third_party import third_party
 from observer_fi.logs.tables import Table
@@ -75,28 +76,11 @@ def _of_one_length(vectors: dict[str, Array], wanted: set[str]) -> tuple[dict[st
 
 
 def _version_5(stream: Any) -> Iterator[tuple[str, Any]]:
-    from scipy.io import loadmat, whosmat
-
-    claimed = sum(int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(stream))
-    if claimed > MOST_VALUES:
-        raise ValueError(f"{claimed} values claimed")
-    stream.seek(0)
-    for name, value in loadmat(stream, squeeze_me=False, chars_as_strings=True).items():
-        if not name.startswith("__"):
-            yield from _flat(name, value, DEEPEST)
-
-
-def _flat(name: str, value: Any, deeper: int) -> Iterator[tuple[str, Any]]:
-    """Vectors, single numbers and texts of a variable, with the fields of structs by their names."""
-    value = np.asarray(value)
-    if value.dtype.names:
-        if value.size == 1 and deeper:
-            for field in value.dtype.names:
-                yield from _flat(f"{name}.{field}", value.reshape(-1)[0][field], deeper - 1)
-    elif value.dtype.kind in "iufb":
-        yield from _numbers(name, value)
-    elif value.dtype.kind in "US" and value.size == 1:
-        yield name, str(value.reshape(-1)[0])
+    for name, value in mat5_variables(stream.read()):
+        if isinstance(value, str):
+            yield name, value
+        else:
+            yield from _numbers(name, value)
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, Any]]:
