@@ -280,19 +280,6 @@ def mat_seeds() -> list[bytes]:
     return [_bytes_of(of_version_5(False)), _bytes_of(of_version_5(True)), _bytes_of(of_version_7)]
 
 
-def mdf_seeds() -> list[bytes]:
-    from asammdf import MDF, Signal
-
-    def write(folder: Path) -> Path:
-        columns = {name: np.array([float(row[k]) for row in small_rows()]) for k, name in enumerate(COLUMNS)}
-        t = columns.pop("time_s")
-        with MDF(version="4.10") as file:
-            file.append([Signal(values, t, name=name) for name, values in columns.items()])
-            return Path(file.save(folder / "run.mf4"))
-
-    return [_bytes_of(write)]
-
-
 def stamp_seeds() -> list[bytes]:
     rows = [[f"2026-03-02T08:00:00.{k:03d}", *row[1:]] for k, row in enumerate(small_rows())]
     german = [[f"02.03.2026 08:00:00,{k:03d}", *row[1:]] for k, row in enumerate(small_rows())]
@@ -328,7 +315,6 @@ TARGETS: dict[str, Callable[[], tuple[list[bytes], Callable[[bytes, Path], str]]
     "parquet": lambda: (parquet_seeds(), read_as("log.parquet", PLAIN)),
     "tdms": lambda: (tdms_seeds(), read_as("log.tdms", _map(TDMS_MAP))),
     "mat": lambda: (mat_seeds(), read_as("log.mat", PLAIN)),
-    "mdf": lambda: (mdf_seeds(), read_as("log.mf4", PLAIN)),
     "stamps": lambda: (stamp_seeds(), read_as("log.csv", PLAIN)),
     "inspect": lambda: ([*text_seeds(), *stamp_seeds()], inspect_it),
     "rig": lambda: (table_seeds(*[RIG] * len(RIGS), *RIGS), load_with(load_rig)),

@@ -112,6 +112,15 @@ def test_without_asammdf_the_line_names_the_extra(tmp_path: Path, monkeypatch: p
         read_log(path)
 
 
+def test_a_reader_that_dies_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_mdf(tmp_path / "run.mf4", CHANNELS)
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(
+        InvalidLogError, match="not a whole MDF file .asammdf cannot read it.; export or copy it again"
+    ):
+        read_log(path)
+
+
 @pytest.mark.parametrize("suffix", ["mat", "73.mat", "mf4", "mdf"])
 @pytest.mark.parametrize("spoil", ["cut", "noise", "head", "flipped"])
 def test_a_damaged_file_is_one_line(suffix: str, spoil: str, tmp_path: Path) -> None:
