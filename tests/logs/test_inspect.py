@@ -250,6 +250,17 @@ def test_the_unit_of_a_clock_follows_from_rates_that_loggers_have(
     assert inspect_log(str(write(style, tmp_path / "log.csv"))).guesses["time_s"].unit == unit
 
 
+def test_a_unit_that_is_too_large_to_be_true_is_a_doubt(tmp_path: Path) -> None:
+    style = Style(("time_s", "voltage_v", "current_a", "position_m"), (T, V, I * 1e3, X * 1e3))
+    found = inspect_log(str(write(style, tmp_path / "log.csv")))
+    assert [doubt.split(" ")[0] for doubt in found.doubts if "really in" in doubt] == [
+        "current_a",
+        "position_m",
+    ]
+    right = Style(style.headers, (T, V, I, X))
+    assert inspect_log(str(write(right, tmp_path / "right.csv"))).doubts == ()
+
+
 def test_noise_that_no_sensor_has_says_the_unit_of_a_position(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).standard_normal(T.size)
     for scale, units in ((1e-2, {"mm"}), (1e-5, {"m", "mm"})):

@@ -1,5 +1,6 @@
 """Which column of the contract each column of a file may be: by its name, its unit, its values, and why."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -302,6 +303,23 @@ def _by_size(
         if size <= impossible:
             return units[k + 1], (f"or {unit}",), said
     return units[-1], (), said
+
+
+def implausible(found: dict[str, Guess], values: Mapping[str, Array]) -> tuple[str, ...]:
+    """Doubts on units that stand in the file, or in the name of the contract, where values are too large for them."""
+    said = []
+    for column, guess in found.items():
+        if column not in _LARGE or guess.header not in values or not guess.told:
+            continue
+        known = values[guess.header][np.isfinite(values[guess.header])] * guess.scale
+        own, position = COLUMNS[column].unit, column.startswith("position")
+        top = float(np.ptp(known)) if position and known.size else float(np.abs(known).max(initial=0.0))
+        noise = _noise_of(known) if position else 0.0
+        if top > _LARGE[column][0] or noise > NOISY_M:
+            what = f"{'spans' if position else 'reaches'} {top:.4g} {own}"
+            what += f" with a noise of {noise:.2g} {own}" if noise > NOISY_M else ""
+            said.append(f"{column} {what}: is {guess.header!r} really in {guess.unit}?")
+    return tuple(said)
 
 
 def steady(values: Array) -> Steady | None:

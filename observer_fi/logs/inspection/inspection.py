@@ -12,7 +12,7 @@ from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap, columns_from_ta
 from observer_fi.logs.ingest import open_log
 from observer_fi.logs.inspection.commands import with_commands
 from observer_fi.logs.inspection.contents import MOST_ROWS, Column, Contents, columns_by_header, contents_of
-from observer_fi.logs.inspection.guesses import Guess, guesses
+from observer_fi.logs.inspection.guesses import Guess, guesses, implausible
 from observer_fi.logs.inspection.map_text import map_text
 from observer_fi.logs.inspection.motion import Motion, motions, moving
 from observer_fi.logs.inspection.motor_checks import checked_by_motor
@@ -86,6 +86,7 @@ def inspect_log(path: str, column_map: ColumnMap | None = None, rig: Rig | None 
         found = with_nameless(found, values, _silent(contents, found))
         found = with_commands(found, tuple(columns_by_header(contents)))
         found, doubts = checked_by_motor(found, values, rig.model if rig else None)
+        doubts = (*doubts, *implausible(found, values))
         clock = _clock(contents, found, values)
     text = map_text(contents, found)
     missing = needs(set(found))
