@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.logs.inspection.contents import Column
-from observer_fi.logs.inspection.guesses import GUESS, LIKELY, Guess, unit_by_values
+from observer_fi.logs.inspection.guesses import GUESS, LIKELY, Guess
 from observer_fi.logs.inspection.relations import follows, leads, rate_of, roughness
+from observer_fi.logs.inspection.sizes import unit_by_values
 from observer_fi.logs.inspection.vocabulary import Header, understood
 from observer_fi.records import Array
 

@@ -2,12 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap
 from observer_fi.logs.inspection.contents import Column, Contents, columns_by_header
+from observer_fi.logs.inspection.sizes import (
+    LARGE,
+    NOISY_M,
+    RATES,
+    Steady,
+    noise_of,
+    steady,
+    time_unit,
+    unit_by_values,
+)
 from observer_fi.logs.inspection.vocabulary import Header, Unit, understood
 from observer_fi.records import Array
 
@@ -15,13 +24,6 @@ SURE, LIKELY, GUESS = "sure", "likely", "a guess"
 LEAST = 1.4  # points from which a column is taken for a quantity: a letter alone
 NEAR = 1.0  # points by which a rival may be behind
 BY_NAME, BY_UNIT, CLASH, STEADY = 3.0, 3.0, -6.0, 2.0
-NOISY_M = 1e-3  # m: no position sensor has so much noise
-RATES = (10.0, 1e5)  # samples a second that a logger has
-USUAL_HZ = 1000.0
-BACKWARD, UNEVEN = (
-    1e-3,
-    0.1,
-)  # shares of intervals of a clock that may run backward, or be far from the median
 _EPOCHS = {
     "s": (8e8, 2.6e9),
     "ms": (8e11, 2.6e12),
@@ -39,14 +41,6 @@ _OF_WORD = {
     "time": "time_s", "voltage": "voltage_v", "current": "current_a", "pitch": "pitch_deg", "angle": "encoder_rad",
     "load": "load_n", "force": "force_cmd_n",
 }  # fmt: skip
-# Beyond the first bound a value is unlikely in the unit itself, beyond the second impossible.
-_LARGE = {
-    "current_a": (60.0, 300.0),
-    "voltage_v": (400.0, 1000.0),
-    "position_m": (3.0, 10.0),
-    "position_cmd_m": (3.0, 10.0),
-}
-_SMALLER = {"A": ("A", "mA", "uA"), "V": ("V", "mV"), "m": ("m", "mm", "um")}
 
 
 @dataclass(frozen=True)
@@ -80,12 +74,6 @@ class Named:
     column: Column
     header: Header
     points: dict[str, float] = field(default_factory=dict)
-
-
-class Steady(NamedTuple):
-    """A column that increases steadily: the median step."""
-
-    step: float
 
 
 def guesses(contents: Contents, column_map: ColumnMap | None = None) -> dict[str, Guess]:
@@ -255,83 +243,21 @@ def _unit_guess(column: str, one: Named, contents: Contents) -> Guess:
     return Guess(column, header, chosen, 1.0, (*why, because), also=also)
 
 
-def unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tuple[str, ...], str]:
-    """A unit by the size of the values; which others they may be; why."""
-    own = COLUMNS[column].unit
-    known = values[np.isfinite(values)]
-    top = (
-        float(np.ptp(known))
-        if column.startswith("position") and known.size
-        else float(np.abs(known).max(initial=0.0))
-    )
-    if column in _LARGE:
-        return _by_size(own, top, _noise_of(known) if own == "m" else 0.0, *_LARGE[column])
-    if column == "speed_cmd_rad_s":
-        return (
-            ("rpm", ("or rad/s",), f"reaches {top:.4g}")
-            if top > 700.0
-            else ("rad/s", ("or rpm",), f"reaches {top:.4g}")
-        )
-    if column == "pitch_deg":
-        return (
-            ("rad", ("or deg",), f"within {top:.3g}") if 0.0 < top < 0.5 else ("deg", (), f"within {top:.3g}")
-        )
-    if column == "encoder_rad":
-        return "rad", ("or deg, or rev",), "no unit"
-    return own, ("or kN", "or kg, then factor 9.81") if column == "load_n" else ("or kN",), "no unit"
-
-
-def _noise_of(values: Array) -> float:
-    """White noise or steps of a reading, from second differences."""
-    return float(np.sqrt(np.median(np.diff(values, 2) ** 2) / 2.7)) if values.size > 8 else 0.0
-
-
-def _by_size(
-    own: str, top: float, noise: float, unlikely: float, impossible: float
-) -> tuple[str, tuple[str, ...], str]:
-    """The unit of which values of that size are believable: the largest, and the next where that is doubtful."""
-    said = f"{'spans' if own == 'm' else 'reaches'} {top:.3g}"
-    units = _SMALLER[own]
-    for k, unit in enumerate(units[:-1]):
-        size = top / 1000.0**k
-        if noise / 1000.0**k > NOISY_M:
-            said += f", noise {noise:.2g}"  # so much in this unit is no sensor's
-            continue
-        if size <= unlikely:
-            # a tenth of what would be unlikely may be the next unit as well: 20 mm, or 0.02 m
-            return unit, ((f"or {units[k + 1]}",) if size > 0.1 * unlikely else ()), said
-        if size <= impossible:
-            return units[k + 1], (f"or {unit}",), said
-    return units[-1], (), said
-
-
 def implausible(found: dict[str, Guess], values: Mapping[str, Array]) -> tuple[str, ...]:
     """Doubts on units that stand in the file, or in the name of the contract, where values are too large for them."""
     said = []
     for column, guess in found.items():
-        if column not in _LARGE or guess.header not in values or not guess.told:
+        if column not in LARGE or guess.header not in values or not guess.told:
             continue
         known = values[guess.header][np.isfinite(values[guess.header])] * guess.scale
         own, position = COLUMNS[column].unit, column.startswith("position")
         top = float(np.ptp(known)) if position and known.size else float(np.abs(known).max(initial=0.0))
-        noise = _noise_of(known) if position else 0.0
-        if top > _LARGE[column][0] or noise > NOISY_M:
+        noise = noise_of(known) if position else 0.0
+        if top > LARGE[column][0] or noise > NOISY_M:
             what = f"{'spans' if position else 'reaches'} {top:.4g} {own}"
             what += f" with a noise of {noise:.2g} {own}" if noise > NOISY_M else ""
             said.append(f"{column} {what}: is {guess.header!r} really in {guess.unit}?")
     return tuple(said)
-
-
-def steady(values: Array) -> Steady | None:
-    """Whether a column increases steadily, as a clock does."""
-    known = values[np.isfinite(values)]
-    steps = np.diff(known)
-    if steps.size < 8:
-        return None
-    usual = float(np.median(steps))
-    if not usual > 0.0 or np.mean(steps < 0.0) > BACKWARD:
-        return None
-    return Steady(usual) if np.mean(np.abs(steps - usual) > 0.6 * usual) <= UNEVEN else None
 
 
 def _time_guess(one: Named, contents: Contents, why: list[str]) -> Guess:
@@ -360,27 +286,8 @@ def _time_guess(one: Named, contents: Contents, why: list[str]) -> Guess:
             return Guess(
                 "time_s", column.header, "s", DAY_S, (*why, f"days as {program} counts them"), LIKELY
             )
-    chosen, also, because = _time_unit(column.values)
+    chosen, also, because = time_unit(column.values)
     return Guess("time_s", column.header, chosen, 1.0, (*why, because), also=also)
-
-
-def _time_unit(values: Array) -> tuple[str, tuple[str, ...], str]:
-    """The unit that gives a rate which loggers have; of several the one nearest to the usual."""
-    steps = np.diff(values[np.isfinite(values)])
-    step = float(np.median(steps)) if steps.size else 0.0
-    if not step > 0.0:
-        return "s", (), "no unit"
-    per_second = {unit: 1.0 / (step * COLUMNS["time_s"].units[unit]) for unit in ("s", "ms", "us", "ns")}
-    possible = {
-        u: hz
-        for u, hz in per_second.items()
-        if RATES[0] <= hz * (1.0 + 1e-6) and hz <= RATES[1] * (1.0 + 1e-6)
-    }
-    if not possible:
-        return "s", ("no unit gives a rate of 10 Hz to 100 kHz",), f"steps of {step:.4g}"
-    best = min(possible, key=lambda u: abs(np.log10(possible[u] / USUAL_HZ)) + (0.3 if u != "s" else 0.0))
-    others = tuple(f"or {u} ({hz:.4g} Hz)" for u, hz in possible.items() if u != best)
-    return best, others, f"steps of {step:.4g} are {possible[best]:.4g} Hz"
 
 
 def _with_time_of_day(found: dict[str, Guess], named: list[Named]) -> dict[str, Guess]:

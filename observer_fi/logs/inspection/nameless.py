@@ -5,8 +5,9 @@ from itertools import permutations
 
 import numpy as np
 
-from observer_fi.logs.inspection.guesses import GUESS, Guess, unit_by_values
+from observer_fi.logs.inspection.guesses import GUESS, Guess
 from observer_fi.logs.inspection.relations import DriveFit, drive_fit
+from observer_fi.logs.inspection.sizes import unit_by_values
 from observer_fi.logs.inspection.vocabulary import understood
 from observer_fi.records import Array
 
