@@ -2,7 +2,13 @@
 
 from observer_fi.improve.calculated_force import CalculatedForce, calculated_force
 from observer_fi.improve.diagnosis_gain import DiagnosisGain, diagnosis_gain, measure_diagnosis_gain
-from observer_fi.improve.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, LOOKS_LIKE, WANTED_NATS
+from observer_fi.improve.freed.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, LOOKS_LIKE, WANTED_NATS
+from observer_fi.improve.freed.smoothed_disturbance import (
+    DRAWN,
+    BinnedDisturbance,
+    SmoothedDisturbance,
+    free_equations,
+)
 from observer_fi.improve.improvement import (
     FoundCause,
     Improvement,
@@ -17,12 +23,6 @@ from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.problem import Ladder
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MOST_ROWS
-from observer_fi.improve.smoothed_disturbance import (
-    DRAWN,
-    BinnedDisturbance,
-    SmoothedDisturbance,
-    free_equations,
-)
 from observer_fi.improve.unexplained import Smooth
 
 __all__ = [

@@ -23,11 +23,11 @@ from observer_fi.improve.force_screening import (
     vocabulary,
     won,
 )
-from observer_fi.improve.freed_equations import FreedEquation
+from observer_fi.improve.freed.freed_equations import FreedEquation
+from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.keep_curve import Kept
 from observer_fi.improve.problem import Candidate, HeldOut, Ladder, Measure, Step, Trial
 from observer_fi.improve.residual_tables import Residuals, force_tables
-from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.unexplained import Smooth, follows
 from observer_fi.learn import (
     TIMING,

@@ -7,14 +7,14 @@ from typing import Any
 
 from observer_fi.errors import UsageError
 from observer_fi.improve.calculated_force import calculated_force
-from observer_fi.improve.freed_equations import FreedEquation
+from observer_fi.improve.freed.freed_equations import FreedEquation
+from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.keep_curve import Kept
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
 from observer_fi.improve.problem import Candidate, F, Ladder, Measure, Problem, Step
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
-from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.unexplained import Smooth
 from observer_fi.learn import Experiment, FitResult, with_servo
 from observer_fi.logs import Excitation, with_command, with_logger

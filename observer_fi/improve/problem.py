@@ -13,10 +13,10 @@ from observer_fi.logs import Excitation
 from observer_fi.physics import Cause, Rig, Variant
 
 if TYPE_CHECKING:
-    from observer_fi.improve.freed_equations import FreedEquation
+    from observer_fi.improve.freed.freed_equations import FreedEquation
+    from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
     from observer_fi.improve.keep_curve import Kept
     from observer_fi.improve.residual_tables import Residuals
-    from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance
     from observer_fi.improve.unexplained import Smooth
 
 F = TypeVar("F")  # what a fit of the problem is

@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from observer_fi.improve.freed_equations import WANTED_NATS, FreedEquation
+from observer_fi.improve.freed.freed_equations import WANTED_NATS, FreedEquation
+from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance, free_equations
 from observer_fi.improve.keep_curve import Kept, fit_kept_curve
 from observer_fi.improve.lines import order_lines
 from observer_fi.improve.misfit import (
@@ -35,7 +36,6 @@ from observer_fi.improve.screening import (
     screen,
     without,
 )
-from observer_fi.improve.smoothed_disturbance import SmoothedDisturbance, free_equations
 from observer_fi.improve.unexplained import Smooth, nameless, rest_steps, slow_excess, smooth_terms
 from observer_fi.learn import (
     Experiment,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from observer_fi.improve.smoothed_disturbance import BinnedDisturbance, SmoothedDisturbance
+from observer_fi.improve.freed.smoothed_disturbance import BinnedDisturbance, SmoothedDisturbance
 from observer_fi.learn.linear import DISTURBANCES, TORQUE
 from observer_fi.report.chart import Figure
 from observer_fi.report.disturbance_figures import disturbance_figure, handy

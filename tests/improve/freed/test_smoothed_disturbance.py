@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from campaigns import NOISE, RIG, campaign
 
+from observer_fi.improve.freed.random_walk import likelihood, series_of, smoothed
+from observer_fi.improve.freed.smoothed_disturbance import curve_of, free_equations
 from observer_fi.improve.improvement import refitted
-from observer_fi.improve.random_walk import likelihood, series_of, smoothed
-from observer_fi.improve.smoothed_disturbance import curve_of, free_equations
 from observer_fi.learn.linear import TORQUE, linearised
 from observer_fi.learn.move_data import run
 from observer_fi.physics.rigs import with_values

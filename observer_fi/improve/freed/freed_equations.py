@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.improve.random_walk import Series, likelihood
+from observer_fi.improve.freed.random_walk import Series, likelihood
 from observer_fi.learn import DISTURBANCES, TORQUE, Experiment, Linear
 from observer_fi.physics import Model
 from observer_fi.records import Array

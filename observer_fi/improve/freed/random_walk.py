@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.improve.random_walk_filter import STATES, back, forward
+from observer_fi.improve.freed.random_walk_filter import STATES, back, forward
 from observer_fi.learn import CAUGHT_A, Experiment, FitResult, Linear, scales, unwhitened
 from observer_fi.records import Array
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer_fi.improve.random_walk import Series, likelihood, smoothed
+from observer_fi.improve.freed.random_walk import Series, likelihood, smoothed
 from observer_fi.learn.linear import Linear
 
 ROWS, MEMORY, SIZE = 60, 0.02, 0.7

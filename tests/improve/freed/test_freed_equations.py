@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from campaigns import RIG, campaign
 
-from observer_fi.improve.freed_equations import CLOSE_SHARE, WANTED_NATS, climb
+from observer_fi.improve.freed.freed_equations import CLOSE_SHARE, WANTED_NATS, climb
+from observer_fi.improve.freed.smoothed_disturbance import free_equations
 from observer_fi.improve.improvement import refitted
-from observer_fi.improve.smoothed_disturbance import free_equations
 from observer_fi.physics.rigs import with_values
 from observer_fi.records import Log
 

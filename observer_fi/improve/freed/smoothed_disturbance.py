@@ -10,8 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.improve.freed_equations import WANTED_NATS, Freed, FreedEquation, free_each, freed_equations
-from observer_fi.improve.random_walk import Series, series_of, smoothed
+from observer_fi.improve.freed.freed_equations import (
+    WANTED_NATS,
+    Freed,
+    FreedEquation,
+    free_each,
+    freed_equations,
+)
+from observer_fi.improve.freed.random_walk import Series, series_of, smoothed
 from observer_fi.improve.unexplained import regressors
 from observer_fi.learn import (
     DISTURBANCES,
