@@ -80,8 +80,9 @@ def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
 
 
 def _gaussians(own: OwnState) -> tuple[OwnState, ...]:
-    """The Gaussians that the prior of a fault's constant is made of."""
-    return tuple(own._replace(mean=mean) for mean in own.means) or (own,)
+    """The Gaussians that the prior of a fault's constant, and of its growth, is made of."""
+    pairs = itertools.product(own.means or (own.mean,), own.growths or (own.growth,))
+    return tuple(own._replace(mean=mean, growth=growth) for mean, growth in pairs)
 
 
 def _wanted(row: FaultRow, settings: BankSettings) -> bool:

@@ -24,7 +24,8 @@ class OwnState(NamedTuple):
 
     tells: what the constant is called where it says how severe a fault is, and words: the same in a sentence, of its value.
     absolute: in its own unit and not as a share of what the rig file gives. low, high: what is believable of it.
-    means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar.
+    means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar. growths: of
+    several in place of `growth`, for a state that may stand or run away.
     """
 
     name: str
@@ -38,6 +39,7 @@ class OwnState(NamedTuple):
     low: float = -math.inf
     high: float = math.inf
     means: tuple[float, ...] = ()
+    growths: tuple[float, ...] = ()
 
 
 def _itself(plant: Model, value: float) -> float:

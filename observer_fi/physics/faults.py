@@ -197,6 +197,7 @@ FAULTS = table(
                 "friction is up by {:.0%}",
                 of_friction=True,
                 low=0.0,
+                growths=(0.05, 0.5),  # one that doubles within a second is followed by the second
             ),
         ),
         least=Least(

@@ -6,13 +6,14 @@ move, less the price of each change at an unknown time. Filters that run side by
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
+from observer_fi.physics import INDEX
 from observer_fi.records import Array, Event
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
@@ -26,6 +27,7 @@ LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
 KEPT = 5  # hypotheses of each look that are followed to the end
+ROUNDS, ROUND_NATS = 4, 1.0  # of an iterated filter, and what a round must gain for another one
 
 
 class Path(NamedTuple):
@@ -111,10 +113,41 @@ class WholeMove:
             stop = max((b.begin for b in begins), default=0) + look
             gains = [self._gains(b.hypothesis, [b.begin], look, stop, b.near)[b.begin] for b in begins]
             best = max(gains, default=0.0)
+            same = {(p.hypothesis, p.begin) for p in found if not _constants_of(p.hypothesis)}
             for b, gain in zip(begins, gains, strict=True):
-                if gain >= HOPELESS * best and (b.hypothesis.name, b.begin // STRIDE) not in good:
-                    found.append(self._ended(b)._replace(first=b.first, last=b.last))
-        return sorted(found, key=lambda path: -path.gain)
+                if (b.hypothesis.name, b.begin // STRIDE) in good or (b.hypothesis, b.begin) in same:
+                    continue
+                if gain >= HOPELESS * best:
+                    found.append(self._ended(b))
+        return sorted(self._settled(found), key=lambda path: -path.gain)
+
+    def _settled(self, found: Sequence[Path]) -> Iterator[Path]:
+        """The paths, and the best one of each name again from the constants that it found while it lasted.
+
+        A look may go on behind the end of a fault, and what it finds there of its constants is of no fault at all.
+        """
+        yield from found
+        best: dict[str, Path] = {}
+        for path in sorted(found, key=lambda path: path.gain):
+            best[path.hypothesis.name] = path
+        top = max((path.gain for path in found), default=0.0)
+        for path in best.values():
+            if path.gain >= HOPELESS * top and _constants_of(path.hypothesis):
+                yield self._again(path)
+
+    def _again(self, path: Path) -> Path:
+        """The path from its own constants and with the begin that they want, as long as that gains (an iterated filter)."""
+        h = path.hypothesis
+        for _ in range(ROUNDS):
+            near = self._believable(h, path.memory)
+            stop = min(path.begin + self.looks[-1], self.n if path.end is None else path.end)
+            tried = range(max(path.begin - STRIDE, 0), min(path.begin + STRIDE, stop - 1) + 1)
+            gains = self._gains(h, tried, 0, stop, near)
+            after = self._ended(_likely(h, gains, near))
+            if after.gain < path.gain + ROUND_NATS:
+                return max(path, after, key=lambda p: p.gain)
+            path = after
+        return path
 
     def direction(self, k: int) -> float:
         """Sign of the commanded speed at sample k."""
@@ -168,12 +201,7 @@ class WholeMove:
             tried = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
             gains = self._gains(h, tried, look, begin + around + look, near)
             begin = max(gains, key=lambda k: gains[k])
-        samples = np.array(sorted(gains))
-        nats = np.array([gains[k] for k in samples.tolist()])
-        share = np.cumsum(np.exp(nats - nats.max()))
-        low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
-        last = int(samples[min(high, samples.size - 1)])
-        return Begin(h, begin, int(samples[low]), last, near)
+        return _likely(h, gains, near)
 
     def _constants(
         self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
@@ -184,7 +212,11 @@ class WholeMove:
         alone = self.filters.of(h, 1, ROOM)
         alone.begin(self._entry(h, near)(self._nominal_at(begin)))
         alone.density(self.window, begin, min(begin + look, self.n))
-        memory = alone.memory()
+        return self._believable(h, alone.memory())
+
+    @staticmethod
+    def _believable(h: Hypothesis, memory: HypothesisState) -> HypothesisState:
+        """A filter's memory with its constants within what is believable of them."""
         x = memory.x.copy()
         for own in h.own:
             k, unit = h.states.index(own.name), own.mean if own.absolute else 1.0
@@ -262,7 +294,8 @@ class WholeMove:
         gained -= enter.far
         settled = float(gained[min(round(SETTLED_S / self.interval), gained.size - 1)])
         gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
-        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later)
+        held = found.first, found.last
+        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held)
         back = Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
         tried: dict[int, float] = {}
         at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
@@ -295,7 +328,7 @@ class WholeMove:
         best = max(tried, key=lambda k: tried[k])
         lasted = float(nis[: best - begin].mean())
         later = tried[best] - settled
-        ends = Path(h, begin, best, tried[best], at[best], lasted, later)
+        ends = Path(h, begin, best, tried[best], at[best], lasted, later, *held)
         return max(stays, ends, key=lambda path: path.gain)
 
     def _each(
@@ -308,6 +341,21 @@ class WholeMove:
             alone.density(self.window, k, k + 1)
             found[k + 1] = alone.memory()
         return found
+
+
+def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None) -> Begin:
+    """The best of some begins, and the samples that hold it with 95 %."""
+    samples = np.array(sorted(gains))
+    nats = np.array([gains[k] for k in samples.tolist()])
+    share = np.cumsum(np.exp(nats - nats.max()))
+    low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
+    last = int(samples[min(high, samples.size - 1)])
+    return Begin(h, int(samples[nats.argmax()]), int(samples[low]), last, near)
+
+
+def _constants_of(h: Hypothesis) -> bool:
+    """Whether a fault has constants of the plant, which its filter finds the better the nearer it begins."""
+    return any(own.name in INDEX for own in h.own)
 
 
 def _near(h: Hypothesis, begin: int, known: set[tuple[str, int]]) -> bool:
