@@ -12,8 +12,6 @@ from observer_fi.numerics import any_of_rare, inlined, log, where_above, zeros_l
 from observer_fi.physics import VMAX, linear, plant
 from observer_fi.physics import equations as a
 
-REST_VARIANCE = tr.REST_VARIANCE
-
 
 @inlined
 def _between(P, k, q):
@@ -162,7 +160,7 @@ def predict(b, tune, r, from_x, from_P, dt, now, interval, row, last, theta):
                 r.P[0, k], r.P[1, k], r.P[2, k] = r.T[0, k], r.T[1, k], r.T[2, k]
     change = change * change
     grown = p[0] + (r.diffusion[0] * dt + tune.agility * tune.agility * change)
-    r.P[0, 0], r.P[0, 1], r.P[0, 2] = where_above(rests, 0.0, REST_VARIANCE, grown), p[1], p[2]
+    r.P[0, 0], r.P[0, 1], r.P[0, 2] = where_above(rests, 0.0, tr.held_variance(last), grown), p[1], p[2]
     r.P[1, 1] = p[3] + (r.diffusion[1] * dt + tune.tick * tune.tick * change)
     r.P[1, 2], r.P[2, 2] = p[4], p[5] + (r.diffusion[2] * dt + doubt)
     return t

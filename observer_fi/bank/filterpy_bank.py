@@ -23,7 +23,7 @@ from observer_fi.bank import transition as tr
 from observer_fi.bank import ukf as unscented
 from observer_fi.bank.bank_state import UNLIKELY
 from observer_fi.bank.compiled_bank import under_way
-from observer_fi.bank.first_state import REST_VARIANCE, first_readings, start
+from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
@@ -283,7 +283,7 @@ class Ekf(Observer, ExtendedKalmanFilter):
     def _advance(self, u: Step) -> None:
         ExtendedKalmanFilter.predict(self, u)
         if self.resting:
-            self.P[0, 0] = REST_VARIANCE
+            self.P[0, 0] = tr.held_variance(u.w_cmd)
 
     def _predicted_readings(self) -> tuple[Array, Array]:
         y, H = self._readings(self.x)
@@ -330,7 +330,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
         P[1, 1] += (self.tune.tick * (x[0] - self.x[0])) ** 2
         P[2, 2] += self.in_play
         if not points[:, 0].any():
-            P[0, 0] = REST_VARIANCE
+            P[0, 0] = tr.held_variance(self.step.w_cmd)
         return x, P
 
     def predict(self, u: Step) -> None:

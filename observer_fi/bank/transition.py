@@ -25,7 +25,9 @@ from observer_fi.records import Array
 
 W_STATE, I_STATE, X_STATE, D_STATE, TORQUE, RATE = range(6)
 SCALE = 16
-REST_VARIANCE = 1e-6  # (rad/s)^2, of a motor that friction holds
+# (rad/s)^2, of a motor that friction holds, and of one that it holds against a command: the moment at which it breaks away is as
+# uncertain as the friction, and what a filter does not doubt of its speed it makes a wrong friction of.
+REST_VARIANCE, HELD_VARIANCE = 1e-6, 9.0
 SIXTH = 1.0 / 6.0
 
 
@@ -102,6 +104,12 @@ def layout(kinds: np.ndarray) -> np.ndarray:
 def state_or(x, at, has, kind, otherwise):
     """The state of this kind, `otherwise` where there is none."""
     return where_above(has[kind], 0.5, x[max(at[kind], 0)], otherwise)
+
+
+@inlined
+def held_variance(command):
+    """Variance of the speed of a motor that friction holds at this command [rad/s]."""
+    return where_above(abs(command), 0.0, HELD_VARIANCE, REST_VARIANCE)
 
 
 @inlined

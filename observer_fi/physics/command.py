@@ -12,18 +12,25 @@ from observer_fi.numerics import compiled, inlined
 from observer_fi.records import Array
 
 
+ALIKE = 4.0  # times as steep, and a curve goes on: a curve that begins with a square has 1, 3, 5 times its first step
+
+
 @inlined
 def corner(before, was, t, w, slope, accel):
     """Time and value of the corner between samples (before, was) and (t, w) of the command; a time of NaN where there is none.
 
     slope: of the interval before [rad/s^2]. Where the difference is less than accel allows, the ramp ends early where the
-    interval before was a ramp, and starts late where it was not.
+    interval before was a ramp, and starts late where it was not. Where the command went on much as before, it is a softer curve
+    without corners: steps at the end of every interval would leave it half an interval late.
     """
     ramp, least = abs(w - was) / accel, 1e-9 * accel * (t - before)
     if not (abs(w - was) > least and ramp < 0.999 * (t - before)):
         return math.nan, w
     if abs(slope) > 0.5 * accel:
         return before + ramp, w
+    change, usual = w - was, slope * (t - before)
+    if change * usual > 0.0 and abs(usual) < ALIKE * abs(change) < ALIKE * ALIKE * abs(usual):
+        return math.nan, w
     return t - ramp, was
 
 
