@@ -139,6 +139,7 @@ class _Gains:
         self.interval = float(np.median(np.diff(log.t)))
         self.known: dict[Lateness, tuple[float, float]] = {}
         self.of_a_fault = -np.inf
+        self.calm: dict[tuple[float, float], float] = {}
         self._of(Lateness())
 
     def __call__(self, late: Lateness) -> float:
@@ -161,7 +162,8 @@ class _Gains:
     def _tried(self, late: Lateness) -> tuple[float, float]:
         """Log-likelihood of the start, less that of as many calm samples: what mixing of samples makes of the noise is no gain.
 
-        Calm are those at rest, and those of steady motion, where noise may be more.
+        Calm are those at rest, and those of steady motion, where noise may be more. A delay of the position is the model's and
+        mixes nothing: what it spoils of a motion that is not steady yet must not lower what calm samples are worth.
         """
         rig = set_right(self.rig, late, self.interval)
         log = SetBack(late).take(self.log)
@@ -171,7 +173,8 @@ class _Gains:
         rest[:8] = False
         steady = self.log.t > self.log.t[-1] - STEADY_S
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        calm = max(e.density[rest, 0].mean(), e.density[steady, 0].mean())
+        usual = max(e.density[rest, 0].mean(), e.density[steady, 0].mean())
+        calm = self.calm.setdefault((late.voltage, late.current), float(usual))
         nats = e.density[moving].sum(axis=0) - calm * moving.sum()
         if not self.known:  # as the readings are
             self.of_a_fault = float(nats[1:].max())
