@@ -277,6 +277,7 @@ class Bank:
         self.snapshots: deque[tuple[float, HypothesisState]] = deque()
         self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
+        self.soft = soft_stop(rig)
 
     def advance(self, log: Log) -> Estimate:
         """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
@@ -284,7 +285,8 @@ class Bank:
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         if self.state is None:
             self.state = self.start(first_readings(log.z), w_cmd[0])
-        now = LogSamples(log.t, interval, w_cmd, log.pitch, log.z, under_way(interval, w_cmd))
+        active = under_way(interval, w_cmd, log.t, self.state.t[0], self.soft)
+        now = LogSamples(log.t, interval, w_cmd, log.pitch, log.z, active)
         n, out = log.t.size, written(log.t.size, len(self.hypotheses))
         self.recent = now.after(self.recent)
         for first in range(0, n, BLOCK):
@@ -325,13 +327,24 @@ def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
     return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
+def soft_stop(rig: Rig) -> float:
+    """Deceleration at which friction alone brakes the rig [rad/s^2]: a command that slows no faster is driven to its end."""
+    return rig.model["A"] / rig.model["J"]
+
+
 @compiled
-def under_way(interval, w_cmd):
+def under_way(interval, w_cmd, t, before, soft):
     """Whether each sample counts as evidence, (n,): the motor is commanded to turn and is not being stopped.
 
-    A stop and the rest after it say little about the move that ended and must not overturn its verdict.
+    t (n,) [s], before: of the sample before them, NaN where there is none. soft: what slows by no more than this is driven, and
+    no stop [rad/s^2]. A stop and the rest after it say little about the move that ended and must not overturn its verdict.
     """
     out = np.empty(w_cmd.size, dtype=np.bool_)
     for k in range(w_cmd.size):
-        out[k] = w_cmd[k] != 0.0 and abs(w_cmd[k]) >= abs(interval[k, 0]) * (1.0 - 1e-9)
+        was, dt = abs(interval[k, 0]), t[k] - before
+        room = 1e-9 * was
+        if dt > 0.0:
+            room = max(room, soft * dt)
+        out[k] = w_cmd[k] != 0.0 and abs(w_cmd[k]) >= was - room
+        before = t[k]
     return out

@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from observer_fi.bank import transition as tr
 from observer_fi.bank import ukf as unscented
 from observer_fi.bank.bank_state import UNLIKELY
-from observer_fi.bank.compiled_bank import under_way
+from observer_fi.bank.compiled_bank import soft_stop, under_way
 from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
@@ -492,13 +492,14 @@ class FilterpyBank:
         self.samples = LogStream()
         self.commands = CommandStream(rig.model, settings.substep_s)
         self.t = np.nan
+        self.soft = soft_stop(rig)
 
     def advance(self, log: Log) -> Estimate:
         """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
         log, own = self.samples.take(log)
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         imm = self._begin(log, w_cmd[0]) if self.imm is None else self.imm
-        active = under_way(interval, w_cmd)
+        active = under_way(interval, w_cmd, log.t, self.t, self.soft)
         n, m = log.t.size, len(self.filters)
         mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
         seen, states, density, strain = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, m)), np.empty((n, m))

@@ -67,7 +67,7 @@ class LiveBank(kernels.Bank):
             return self.advance(log_of(rows))
         w_cmd, now, out, estimate = self._views(len(rows))
         self.commands.fill(now.t, w_cmd, now.w_cmd, now.interval)
-        now.active[:] = kernels.under_way(now.interval, now.w_cmd)
+        now.active[:] = kernels.under_way(now.interval, now.w_cmd, now.t, self.state.t[0], self.soft)
         self._run(now, out)
         self.samples.t, self.samples.w, self.samples.theta = now.t[-1], w_cmd[-1], now.theta[-1]
         return estimate
