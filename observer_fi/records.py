@@ -209,7 +209,7 @@ class Event(NamedTuple):
 
     start_s, end_s: of the move. over_s: when a fault that came for a while was over. severity: what the whole move says of the
     fault's own constants; alike: labels that it cannot tell from the verdict. doubted_s: when another hypothesis was first
-    certain for a moment, whatever the verdict.
+    certain for a moment, whatever the verdict. then: a second fault of the same move, behind the first.
     """
 
     label: str
@@ -227,6 +227,7 @@ class Event(NamedTuple):
     severity: tuple[Severity, ...] = ()
     alike: tuple[str, ...] = ()
     doubted_s: float | None = None
+    then: tuple["Event", ...] = ()
 
 
 class Consistency(NamedTuple):

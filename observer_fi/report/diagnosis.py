@@ -20,7 +20,7 @@ from observer_fi.physics import (
     colour_of,
     words_of,
 )
-from observer_fi.records import Isolation, Log, Outcome
+from observer_fi.records import Event, Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.result_folder import Made, write_result
 
@@ -73,11 +73,16 @@ def report_dict(outcome: Outcome) -> dict[str, Any]:
             "consistency": isolation.consistency._asdict(),
             "explanation": outcome.explanation,
             "could_show": _could_show(isolation),
-            "events": [event._asdict() for event in isolation.events],
+            "events": [_event(one) for event in isolation.events for one in (event, *event.then)],
             "settings": outcome.settings,
             "versions": versions(),
         }
     )
+
+
+def _event(event: Event) -> dict[str, Any]:
+    """An event of `events`: one a move, and behind it a second fault of that move, which has the same `start_s`."""
+    return {name: value for name, value in event._asdict().items() if name != "then"}
 
 
 def _could_show(isolation: Isolation) -> dict[str, Any] | None:

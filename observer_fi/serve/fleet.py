@@ -230,11 +230,12 @@ def row_of(log: str, name: str, outcome: Outcome) -> dict[str, Any]:
     found = report.report_dict(outcome)
     verdict, fit, facts = found["verdict"], found["consistency"], found["log"]
     nis = fit["nis_mean"]
+    faulty = {event["start_s"] for event in found["events"] if event["label"] != "nominal"}
     return dict.fromkeys(COLUMNS) | {
         "log": log, "status": "done", "label": verdict["label"], "channel": verdict["channel"],
         "probability": verdict["probability"], "onset_s": verdict["onset_s"], "detected_s": verdict["detected_s"],
-        "isolated_s": verdict["isolated_s"], "moves": len(found["events"]),
-        "faulty_moves": sum(event["label"] != "nominal" for event in found["events"]),
+        "isolated_s": verdict["isolated_s"], "moves": len({event["start_s"] for event in found["events"]}),
+        "faulty_moves": len(faulty),
         "open_loop": found["open_loop"]["label"], "nis_ratio": None if nis is None else nis / fit["nis_expected"],
         "samples": facts["samples"], "rate_hz": facts["rate_hz"], "duration_s": facts["duration_s"],
         "gaps": facts["gap_count"], "rejected": facts["rejected_count"], "notes": len(facts["notes"]),

@@ -300,7 +300,7 @@ class Diagnosis:
 
     def _warnings(self, isolation: Isolation) -> tuple[str, ...]:
         known = cautions(self.as_logged, isolation, self.rate) if self.as_logged else ()
-        return (*(self.suspects or ()), *known)
+        return (*(self.suspects or ()), *explain.second_faults(isolation), *known)
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

@@ -15,6 +15,7 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
         words.append(_when(v))
     if v.severity:
         words.append(_sentence(", ".join(s.words for s in v.severity)))
+    words += [_sentence(text) for text in second_faults(isolation)]
     if v.alike:
         titles = " or ".join(FAULTS[label].title.lower() for label in v.alike)
         words.append(f"These data cannot tell it from: {titles}.")
@@ -33,6 +34,21 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
         )
     words.append(row.says(row.action, v.channel))
     return " ".join(words)
+
+
+def second_faults(isolation: Isolation) -> tuple[str, ...]:
+    """A sentence for each fault that came behind another one in its move."""
+    return tuple(_second(event, later) for event in isolation.events for later in event.then)
+
+
+def _second(first: Event, later: Event) -> str:
+    was = FAULTS[first.label].title.lower()
+    text = f"behind the {was} of {first.onset_s:.3f} s the same move shows a second fault from {later.onset_s:.3f} s on: "
+    text += FAULTS[later.label].title.lower()
+    if later.over_s is not None:
+        text += f", over at {later.over_s:.3f} s"
+    sizes = ", ".join(s.words for s in later.severity)
+    return f"{text} ({sizes})" if sizes else text
 
 
 def _chronic(isolation: Isolation) -> bool:

@@ -17,7 +17,8 @@ from observer_fi.records import CHANNELS, Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import SURE, mostly
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.whole_move import SETTLED_S, WELL, Path, WholeMove, window_of
+from observer_fi.verdict.second_fault import WINDOW_S, behind, lasted, until
+from observer_fi.verdict.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
@@ -76,14 +77,53 @@ class LastWord:
         named = any(story.mode != UNKNOWN for story in stories)
         if not named and any(self._counts(path, whole, event) for path in paths):
             stories = self._later(stories, event, whole)
-        stories = list(self._of_sensor_or_nut(stories, whole, bank, event))
+        stories = sorted(self._of_sensor_or_nut(stories, whole, bank, event), key=lambda s: -_worth(s))
+        two = self._two(paths, stories, event, whole)
+        if two is not None:
+            return two
         if stories:
-            return self._told(event, sorted(stories, key=lambda s: -_worth(s)), whole)
+            return self._told(event, stories, whole)
         counted = [path for path in paths if self._counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
         fits = float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
         return _healthy(event) if event.label not in (NOMINAL, UNKNOWN) and not counted and fits else event
+
+    def _two(
+        self, paths: Sequence[Path], stories: Sequence[Story], event: Event, whole: WholeMove
+    ) -> Event | None:
+        """The event with a second fault behind the first one, where that explains the move only until then; else None."""
+        if stories and stories[0].mode != UNKNOWN:
+            tried = [stories[0].path]
+        else:
+            best = {p.hypothesis.label: p for p in reversed(paths) if self._counts(p, whole, event)}
+            tried = [p for label, p in best.items() if label != UNKNOWN]
+        ends = [(found.until, found) for p in tried if (found := lasted(p, whole)) is not None]
+        if not ends:
+            return None
+        stop = max(ends, key=lambda item: item[0])[0]
+        shorter = until(whole, stop - round(WINDOW_S / whole.interval))
+        if shorter is None:
+            return None
+        first = self._one(event, shorter, 0, shorter.n)
+        if first is None or first[0].label == UNKNOWN:
+            return None
+        told, path = first
+        held = lasted(path, whole)
+        rest = None if held is None else behind(held, whole)
+        if held is None or rest is None:
+            return None
+        about = held.until - held.since
+        healthy = event._replace(label=NOMINAL, start_s=float(rest.window.t[0]))
+        second = self._one(healthy, rest, about - round(BEFORE_S[0] / whole.interval), about + LEFT)
+        if second is None:
+            return None
+        return told._replace(then=(second[0]._replace(start_s=event.start_s),))
+
+    def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
+        """The event with the best story that begins between two samples, and its path; None where there is none."""
+        stories = sorted(self._told_by(whole.paths(first, last), whole, event), key=lambda s: -_worth(s))
+        return (self._told(event, stories, whole), stories[0].path) if stories else None
 
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
         """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""

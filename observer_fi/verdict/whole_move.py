@@ -149,6 +149,26 @@ class WholeMove:
             path = after
         return path
 
+    def entered(self, path: Path) -> HypothesisState:
+        """What the fault of a path remembers before its first sample, near the constants that it finds soon after it."""
+        look = min(self.looks[1], (self.n if path.end is None else path.end) - path.begin)
+        near = self._constants(path.hypothesis, path.begin, look, None)
+        return self._entry(path.hypothesis, near)(self._nominal_at(path.begin))
+
+    def healed(self, path: Path) -> HypothesisState:
+        """What nominal remembers where the fault of a path is over."""
+        return self._back(path.hypothesis, self._nominal_at(path.begin))(path.memory)
+
+    def followed(
+        self, h: Hypothesis, memory: HypothesisState, first: int
+    ) -> tuple[list[HypothesisState], Array]:
+        """A filter's memories at every STRIDE samples from `first` on, and its normalised innovations squared."""
+        memories, _, nis = self._follow(h, memory, first)
+        return memories, nis
+
+    def _back(self, h: Hypothesis, before: HypothesisState) -> Entry:
+        return Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
+
     def direction(self, k: int) -> float:
         """Sign of the commanded speed at sample k."""
         return float(np.sign(self.window.w_cmd[k]))
@@ -296,7 +316,7 @@ class WholeMove:
         gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
         held = found.first, found.last
         stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held)
-        back = Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
+        back = self._back(h, before)
         tried: dict[int, float] = {}
         at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
 

@@ -1,0 +1,74 @@
+"""A second fault in one move: where the first one stops explaining the samples, another one has begun, or come back.
+
+What was found of the first fault holds until there. From its begin on it takes the place of nominal, and the rest of the
+move is asked as a whole move is (`whole_move.py`): the first fault until the second one begins.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
+from observer_fi.records import Array
+from observer_fi.verdict.whole_move import LEFT, Path, WholeMove
+
+WINDOW_S = 0.05  # over which a misfit is averaged
+MISFIT = 1.8  # times the expected NIS over it: right filters reach 1.5
+SOON_S = 0.06  # after its begin and end a fault is not held to it: what it is like has to be found
+
+
+class Lasted(NamedTuple):
+    """A first fault as long as it explains the move.
+
+    until: sample from which it does not. base, memory: the hypothesis that holds there, nominal where the fault is over, with what
+    it remembered before the sample `since`.
+    """
+
+    until: int
+    base: Hypothesis
+    since: int
+    memory: HypothesisState
+
+
+def lasted(path: Path, whole: WholeMove) -> Lasted | None:
+    """How long a path explains its move; None where to its end."""
+    h = path.hypothesis
+    entered = whole.entered(path)
+    memories, nis = whole.followed(h, entered, path.begin)
+    stop = whole.n if path.end is None else path.end
+    until = _misfits(nis[: stop - path.begin], whole.expected(h), whole)
+    if until is not None:
+        return Lasted(path.begin + until, h, path.begin, entered)
+    if path.end is None:
+        return None
+    back = whole.healed(path)
+    _, later = whole.followed(whole.nominal, back, path.end)
+    until = _misfits(later, whole.expected(whole.nominal), whole)
+    return None if until is None else Lasted(path.end + until, whole.nominal, path.end, back)
+
+
+def _misfits(nis: Array, expected: float, whole: WholeMove) -> int | None:
+    """First sample of a window over which the mean NIS is beyond what a right filter shows, None where there is none."""
+    window = max(LEFT, round(WINDOW_S / whole.interval))
+    soon = round(SOON_S / whole.interval)
+    if nis.size < soon + window:
+        return None
+    mean = np.convolve(nis[soon:], np.ones(window) / window, "valid")
+    over = np.flatnonzero(mean > MISFIT * expected)
+    return int(over[0]) + soon if over.size else None
+
+
+def until(whole: WholeMove, sample: int) -> WholeMove | None:
+    """The move as far as a sample, None where that is too short to say anything."""
+    if sample < 2 * LEFT:
+        return None
+    window: LogSamples = whole.window.cut(0, sample)
+    return WholeMove((whole.nominal, *whole.faults), window, whole.memories[0], whole.filters)
+
+
+def behind(first: Lasted, whole: WholeMove) -> WholeMove | None:
+    """The move from a first fault on, or from its end, which takes nominal's place; None where too little is left of it."""
+    if whole.n - first.since < 4 * LEFT:
+        return None
+    others = tuple(h for h in whole.faults if h.label != first.base.label)
+    return WholeMove((first.base, *others), whole.window.cut(first.since, whole.n), first.memory, whole.filters)
