@@ -11,7 +11,6 @@ import numpy as np
 from observer_fi.numerics import compiled, inlined
 from observer_fi.records import Array
 
-
 ALIKE = 4.0  # times as steep, and a curve goes on: a curve that begins with a square has 1, 3, 5 times its first step
 
 

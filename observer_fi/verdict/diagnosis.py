@@ -31,7 +31,7 @@ from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
 from observer_fi.verdict.drift import raised_friction
-from observer_fi.verdict.isolate import EventTracker, Isolator, Run, log_verdict, tested
+from observer_fi.verdict.isolate import EventTracker, Isolator, Run, handed_on, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
@@ -258,7 +258,10 @@ class Diagnosis:
         told = self.told.get(event.start_s, event)
         found = self._with_onset(event)
         if told is event or (told.label == event.label and _agree(told.onset_s, found.onset_s)):
-            return told._replace(onset_s=found.onset_s, onset_interval_s=found.onset_interval_s)
+            low, high = found.onset_interval_s
+            earliest = min((s for s in (low, told.onset_interval_s[0]) if s is not None), default=None)
+            unseen = told.onset_s is not None and earliest is not None and earliest < told.start_s
+            return told._replace(onset_s=found.onset_s, onset_interval_s=(earliest if unseen else low, high))
         return told
 
     def _with_onset(self, event: Event) -> Event:
@@ -278,7 +281,7 @@ class Diagnosis:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
-        events = tuple(self._finished(e) for e in found.events)
+        events = tuple(handed_on([self._finished(e) for e in found.events]))
         verdict = log_verdict(list(events))
         lack = self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()

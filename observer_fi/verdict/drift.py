@@ -7,8 +7,8 @@ exponentially weighted mean (Roberts 1959) costs nothing in memory and says when
 import numpy as np
 from scipy.signal import lfilter
 
-from observer_fi.bank import Bank
-from observer_fi.physics import FAULTS, NOMINAL
+from observer_fi.bank import Bank, Hypothesis, HypothesisState
+from observer_fi.physics import FAULTS, NOMINAL, Rig
 from observer_fi.records import Array, Event, Severity
 
 TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
@@ -69,17 +69,34 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
 
     strain_limit: standard deviations of the spread from rig to rig that are believable.
     """
-    nominal, spread = bank.hypotheses[0], bank.rig.spread("A")
-    if event.label != NOMINAL or "A" not in nominal.states or not spread:
+    recent = bank.recent
+    known = [(t, state) for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
+    if event.label != NOMINAL or not known or recent is None:
         return event
-    known = [state for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
-    if not known:
+    k = min(int(np.searchsorted(recent.t, known[0][0])), recent.t.size - 1)
+    slope = float(np.sign(recent.w_cmd[k]) * recent.theta[k])
+    return jammed_before(event, known[0][1], bank.hypotheses[0], bank.rig, strain_limit, slope)
+
+
+def jammed_before(
+    event: Event, memory: HypothesisState, nominal: Hypothesis, rig: Rig, strain_limit: float, slope: float
+) -> Event:
+    """The event as a jam from its first sample on where nominal's memory has a friction as no rig has; else as it is.
+
+    slope: pitch against the motion [deg]. In one move nothing tells friction from what gravity does on it: their sum counts.
+    """
+    states, model = nominal.states, rig.model
+    if "A" not in states or not rig.spread("A"):
         return event
-    k = nominal.states.index("A")
-    factor, std = float(known[0].x[k]), float(np.sqrt(max(known[0].P[k, k], 0.0)))
-    if factor - 1.0 < strain_limit * spread or std > spread:
+    share = {"A": 1.0, "B": model["B"] * slope / model["A"]}
+    names = [name for name in share if name in states]
+    at, c = [states.index(name) for name in names], np.array([share[name] for name in names])
+    rise, std = float(c @ (memory.x[at] - 1.0)), float(np.sqrt(max(c @ memory.P[np.ix_(at, at)] @ c, 0.0)))
+    spread = float(np.hypot.reduce([rig.spread(name) * share[name] for name in names]))
+    if rise < strain_limit * spread or std > spread:
         return event
-    rise, half = factor - 1.0, Z95 * float(np.hypot(std, factor * spread))
+    factor = 1.0 + rise
+    half = Z95 * float(np.hypot(std, factor * rig.spread("A")))
     own = next(own for own in FAULTS["jam"].sizes if own.of_friction)
     return event._replace(
         label="jam", probability=SURE, posterior=mostly("jam", event), onset_s=event.start_s, detected_s=event.start_s,

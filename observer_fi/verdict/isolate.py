@@ -22,6 +22,7 @@ from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
 SETTLING = 8  # samples after a change of winner
+AT_START_S = 0.02  # of a move: a fault may have been there before it
 
 
 class Run(NamedTuple):
@@ -301,7 +302,7 @@ class EventTracker:
     def _after_rest(
         self, j: int, run: Run | None, p: Array, reasons: list[str]
     ) -> tuple[int, Run | None, Array]:
-        """A stop and rest that nominal cannot explain and one failed sensor can."""
+        """A stop and rest that nominal cannot explain and one failed sensor can; a fault that can as well has its share."""
         sensors = [k for k, mode in enumerate(self.modes) if channel_of(mode)]
         if (
             not sensors
@@ -313,7 +314,16 @@ class EventTracker:
         if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
             return j, run, p
         reasons.append("the stop and the rest after the move show it")
-        return best, None, self._given(best, self.settings.isolated)
+        worse = 0.5 * (self.rest_nis - self.rest_nis[best])
+        alike = [k for k in self._faults() if worse[k] < self.settings.move_nats]
+        p = self._given(best, self.settings.isolated)
+        p[[best, *alike]] = p[best] / (1 + len(alike))
+        return best, None, p
+
+    def _faults(self) -> list[int]:
+        """Hypotheses of a fault with a name that is no sensor's."""
+        named = ((k, label_of(mode)) for k, mode in enumerate(self.modes) if not channel_of(mode))
+        return [k for k, label in named if label not in (NOMINAL, UNKNOWN)]
 
     def _given(self, j: int, probability: float) -> Array:
         p = np.full(len(self.modes), (1.0 - probability) / (len(self.modes) - 1))
@@ -326,10 +336,13 @@ class EventTracker:
         for name, value in zip(self.modes, p, strict=True):
             posterior[label_of(name)] += float(value)
         fault = label_of(mode) != NOMINAL
+        even = [
+            k for k in posterior if k != label_of(mode) and posterior[k] >= posterior[label_of(mode)] > 0.0
+        ]
         return Event(
             label_of(mode), channel_of(mode), posterior[label_of(mode)], None, (None, None),
             run.detected if fault and run else None, run.since if run else None, self.start_s, self.end_s, posterior, reasons,
-            doubted_s=self._first_doubt(),
+            alike=tuple(even), doubted_s=self._first_doubt(),
         )  # fmt: skip
 
     def _first_doubt(self) -> float | None:
@@ -414,6 +427,33 @@ def log_verdict(events: list[Event]) -> Event:
     if events:
         return min(events, key=lambda e: e.probability)
     return not_tested(NO_MOVE)
+
+
+def handed_on(events: list[Event]) -> list[Event]:
+    """Verdicts of moves in order, where a fault of the rest between two moves is told of the second one only.
+
+    A rest alone makes a failed sensor of it; the move behind it, faulty from its start on, says what it is.
+    """
+    out = list(events)
+    for k, (event, after) in enumerate(pairwise(events)):
+        begin = after.onset_s
+        of_rest = shown_by_rest(event) and after.label not in (NOMINAL, UNKNOWN, event.label)
+        if of_rest and begin is not None and begin - after.start_s < AT_START_S:
+            out[k] = healthy(event)
+    return out
+
+
+def shown_by_rest(event: Event) -> bool:
+    """Whether only the rest after a move made a failed sensor of it."""
+    return event.channel is not None and event.detected_s is None
+
+
+def healthy(event: Event) -> Event:
+    """The event without its fault."""
+    return event._replace(
+        label=NOMINAL, channel=None, probability=1.0, posterior={k: float(k == NOMINAL) for k in event.posterior},
+        onset_s=None, onset_interval_s=(None, None), detected_s=None, isolated_s=None, alike=(), reasons=(),
+    )  # fmt: skip
 
 
 class Whiteness:

@@ -7,26 +7,24 @@ label that needs the whole move. Verdicts that the bank is sure of stand.
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
-from observer_fi.records import CHANNELS, Event, Severity
+from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import SURE, mostly
+from observer_fi.verdict.drift import SURE, jammed_before, mostly
+from observer_fi.verdict.isolate import AT_START_S, healthy
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.second_fault import WINDOW_S, behind, lasted, until
+from observer_fi.verdict.stories import Story, constant, measured, posterior_of, special_case, worth
 from observer_fi.verdict.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
-# By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
-# fault grows is no part of its model.
-RARE_NATS, AT_WILL = math.log(10.0), 2e-3
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
 # does not describe the machine, both are above, and a name would be made up.
 FITS = 1.3
@@ -34,16 +32,7 @@ CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
 FAR = 100.0  # times the nats of another fault, that one must have for which no motion speaks before it
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
-SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
-
-
-class Story(NamedTuple):
-    """What a path is called: the hypothesis, and its nats over nominal."""
-
-    mode: str
-    gain: float
-    path: Path
 
 
 class LastWord:
@@ -77,7 +66,7 @@ class LastWord:
         named = any(story.mode != UNKNOWN for story in stories)
         if not named and any(self._counts(path, whole, event) for path in paths):
             stories = self._later(stories, event, whole)
-        stories = sorted(self._of_sensor_or_nut(stories, whole, bank, event), key=lambda s: -_worth(s))
+        stories = sorted(self._of_sensor_or_nut(stories, whole, bank, event), key=lambda s: -worth(s))
         two = self._two(paths, stories, event, whole)
         if two is not None:
             return two
@@ -86,8 +75,14 @@ class LastWord:
         counted = [path for path in paths if self._counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
+        if event.label == UNKNOWN and self._settles(doubted, event, whole):
+            limit = self.settings.strain_limit
+            slope = whole.direction(-1) * float(whole.window.theta[-1])
+            jammed = jammed_before(healthy(event), whole.memories[-1], whole.nominal, self.rig, limit, slope)
+            if jammed.label != NOMINAL:
+                return jammed
         fits = float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
-        return _healthy(event) if event.label not in (NOMINAL, UNKNOWN) and not counted and fits else event
+        return healthy(event) if event.label not in (NOMINAL, UNKNOWN) and not counted and fits else event
 
     def _two(
         self, paths: Sequence[Path], stories: Sequence[Story], event: Event, whole: WholeMove
@@ -122,7 +117,7 @@ class LastWord:
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""
-        stories = sorted(self._told_by(whole.paths(first, last), whole, event), key=lambda s: -_worth(s))
+        stories = sorted(self._told_by(whole.paths(first, last), whole, event), key=lambda s: -worth(s))
         return (self._told(event, stories, whole), stories[0].path) if stories else None
 
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
@@ -131,6 +126,12 @@ class LastWord:
         elsewhere = np.concatenate((whole.nis[: path.begin], whole.nis[last:]))
         clean = elsewhere.size > 0 and float(elsewhere.mean()) <= FITS * whole.expected(whole.nominal)
         return clean and path.gain >= FAR * self.settings.move_nats
+
+    def _settles(self, doubted: float, event: Event, whole: WholeMove) -> bool:
+        """Whether the doubt was of the start, and nominal fits once the ring is over: it has taken up what was wrong."""
+        settled = event.start_s + SETTLED_S
+        later = whole.nis[int(np.searchsorted(whole.window.t, settled)) :]
+        return doubted < settled and bool(later.size) and later.mean() <= FITS * whole.expected(whole.nominal)
 
     def _of_sensor_or_nut(
         self, stories: Sequence[Story], whole: WholeMove, bank: Bank, event: Event
@@ -144,7 +145,7 @@ class LastWord:
             if story.mode != "slip" or story.path.end is not None:
                 yield story
                 continue
-            lost = _constant(story.path, next(own for own in story.path.hypothesis.own if own.name == "E"))[0]
+            lost = constant(story.path, next(own for own in story.path.hypothesis.own if own.name == "E"))[0]
             slips = (
                 -lost * self.rig.model["D"] * float(whole.window.w_cmd[-1])
             )  # m/s that a sensor would have to drift
@@ -202,7 +203,7 @@ class LastWord:
         if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
             return []
         stories = [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
-        return [story for story in stories if _measured(story, whole)]
+        return [story for story in stories if measured(story, whole)]
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
@@ -227,11 +228,11 @@ class LastWord:
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
             return
-        lost, std = _constant(path, held["E"])
+        lost, std = constant(path, held["E"])
         if "C" in held and self._believable(path, held["E"], whole):
-            yield Story("slip", path.gain + _special(path, held["C"], 0.0), path)
+            yield Story("slip", path.gain + special_case(path, held["C"], 0.0), path)
         if abs(lost - 1.0) < BELIEVABLE * std:
-            yield Story("sensor:position", path.gain + _special(path, held["E"], 1.0), path)
+            yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
         elif lost < -BELIEVABLE * std:
             yield Story("sensor:position", path.gain, path)
 
@@ -240,7 +241,7 @@ class LastWord:
         usual = {own.name: self.rig.spread(own.name) for own in FAULTS[path.hypothesis.label].states}
         nats = 0.0
         for own in path.hypothesis.own:
-            value, std = _constant(path, own)
+            value, std = constant(path, own)
             if own.name not in usual or own.std is None or not usual[own.name]:
                 continue
             given = self.rig.model[own.name] if own.absolute else 1.0
@@ -255,7 +256,7 @@ class LastWord:
 
     @staticmethod
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
-        value, std = _constant(path, own)
+        value, std = constant(path, own)
         value *= whole.direction(path.begin) if own.of_friction else 1.0
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
 
@@ -274,7 +275,7 @@ class LastWord:
         """The event with the label, times and severity of the best story."""
         best, t = stories[0], whole.window.t
         path, label = best.path, label_of(best.mode)
-        posterior = _posterior(event, stories)
+        posterior = posterior_of(event, stories)
         tells = [own for own in FAULTS[label].sizes if own.tells and own.name in path.hypothesis.states]
         told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
@@ -282,10 +283,11 @@ class LastWord:
             alike=tuple(k for k, p in posterior.items() if k != label and p > self.settings.alike),
             severity=tuple(self._severity(path, own, whole) for own in tells),
         )  # fmt: skip
-        begin = float(t[max(path.begin - 1, 0)])
-        told = told._replace(
-            onset_s=begin, onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last]))
-        )
+        begin, first = float(t[max(path.begin - 1, 0)]), float(t[max(path.first - 1, 0)])
+        if begin - event.start_s < AT_START_S:  # no motion before it: it may be as old as the rest
+            moved = np.flatnonzero((t < event.start_s) & (whole.window.w_cmd != 0.0))
+            first = float(t[moved[-1] if moved.size else 0])
+        told = told._replace(onset_s=begin, onset_interval_s=(first, float(t[path.last])))
         if label == event.label and label != UNKNOWN:
             return (
                 told
@@ -298,7 +300,7 @@ class LastWord:
         )  # fmt: skip
 
     def _severity(self, path: Path, own: OwnState, whole: WholeMove) -> Severity:
-        value, std = _constant(path, own)
+        value, std = constant(path, own)
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
@@ -348,14 +350,6 @@ def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:
     return bool(end < start_s + SETTLED_S or end - begin < PASSES_S)
 
 
-def _healthy(event: Event) -> Event:
-    """The event where nothing in the whole move is worth a fault."""
-    return event._replace(
-        label=NOMINAL, channel=None, probability=1.0, posterior={k: float(k == NOMINAL) for k in event.posterior},
-        onset_s=None, onset_interval_s=(None, None), detected_s=None, isolated_s=None, reasons=(),
-    )  # fmt: skip
-
-
 def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
     """The event where something came that none of the hypotheses explains."""
     t = whole.window.t
@@ -370,48 +364,3 @@ def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
 def _why(best: Story) -> str:
     while_it = "" if best.path.end is None else " for a while"
     return f"the whole move says so: {best.gain:.0f} nats better with this fault{while_it} than without"
-
-
-def _constant(path: Path, own: OwnState) -> tuple[float, float]:
-    """A constant of a fault at the end of its path, and its standard deviation; absolute ones in their unit.
-
-    The torque of a stop is that of its depth, whatever the sign of its stiffness.
-    """
-    k = path.hypothesis.states.index(own.name)
-    unit = own.mean if own.absolute else 1.0
-    value = unit * float(path.memory.x[k])
-    value = value if own.absolute or own.of_friction else abs(value)
-    return value, unit * math.sqrt(max(float(path.memory.P[k, k]), 0.0))
-
-
-def _special(path: Path, own: OwnState, value: float) -> float:
-    """Nats by which a constant that is exactly `value` explains the move better than one that is free."""
-    mean, std = _constant(path, own)
-    prior = own.std or 1.0
-    std = max(std, SHARPEST * prior)
-    after = -0.5 * ((value - mean) / std) ** 2 - math.log(std)
-    return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
-
-
-def _measured(story: Story, whole: WholeMove) -> bool:
-    """Whether the channel that has failed, if one has, is there at all."""
-    channel = channel_of(story.mode)
-    return channel is None or bool(np.isfinite(whole.window.z[:, CHANNELS.index(channel)]).any())
-
-
-def _worth(story: Story) -> float:
-    """Nats of a story over nominal, less what a load at will must be better by."""
-    at_will = label_of(story.mode) == UNKNOWN
-    return story.gain - (RARE_NATS + AT_WILL * story.gain if at_will else 0.0)
-
-
-def _posterior(event: Event, stories: Sequence[Story]) -> dict[str, float]:
-    """Probability of each label: its best story against nominal and the others'."""
-    nats = {NOMINAL: 0.0}
-    for story in stories:
-        label = label_of(story.mode)
-        nats[label] = max(nats.get(label, -math.inf), _worth(story))
-    top = max(nats.values())
-    weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
-    total = sum(weights.values())
-    return {label: weight / total for label, weight in weights.items()}

@@ -20,8 +20,8 @@ SOON_S = 0.06  # after its begin and end a fault is not held to it: what it is l
 class Lasted(NamedTuple):
     """A first fault as long as it explains the move.
 
-    until: sample from which it does not. base, memory: the hypothesis that holds there, nominal where the fault is over, with what
-    it remembered before the sample `since`.
+    until: sample from which it does not. base, memory: the hypothesis that holds there, nominal where the fault is over, with
+    what it remembered before the sample `since`.
     """
 
     until: int
@@ -71,4 +71,6 @@ def behind(first: Lasted, whole: WholeMove) -> WholeMove | None:
     if whole.n - first.since < 4 * LEFT:
         return None
     others = tuple(h for h in whole.faults if h.label != first.base.label)
-    return WholeMove((first.base, *others), whole.window.cut(first.since, whole.n), first.memory, whole.filters)
+    return WholeMove(
+        (first.base, *others), whole.window.cut(first.since, whole.n), first.memory, whole.filters
+    )

@@ -1,0 +1,69 @@
+"""What paths of a whole move may be called, and what each name is worth."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.physics import NOMINAL, UNKNOWN, OwnState, channel_of, label_of
+from observer_fi.records import CHANNELS, Event
+from observer_fi.verdict.whole_move import Path, WholeMove
+
+# By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
+# fault grows is no part of its model.
+RARE_NATS, AT_WILL = math.log(10.0), 2e-3
+SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
+
+
+class Story(NamedTuple):
+    """What a path is called: the hypothesis, and its nats over nominal."""
+
+    mode: str
+    gain: float
+    path: Path
+
+
+def constant(path: Path, own: OwnState) -> tuple[float, float]:
+    """A constant of a fault at the end of its path, and its standard deviation; absolute ones in their unit.
+
+    The torque of a stop is that of its depth, whatever the sign of its stiffness.
+    """
+    k = path.hypothesis.states.index(own.name)
+    unit = own.mean if own.absolute else 1.0
+    value = unit * float(path.memory.x[k])
+    value = value if own.absolute or own.of_friction else abs(value)
+    return value, unit * math.sqrt(max(float(path.memory.P[k, k]), 0.0))
+
+
+def special_case(path: Path, own: OwnState, value: float) -> float:
+    """Nats by which a constant that is exactly `value` explains the move better than one that is free."""
+    mean, std = constant(path, own)
+    prior = own.std or 1.0
+    std = max(std, SHARPEST * prior)
+    after = -0.5 * ((value - mean) / std) ** 2 - math.log(std)
+    return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
+
+
+def measured(story: Story, whole: WholeMove) -> bool:
+    """Whether the channel that has failed, if one has, is there at all."""
+    channel = channel_of(story.mode)
+    return channel is None or bool(np.isfinite(whole.window.z[:, CHANNELS.index(channel)]).any())
+
+
+def worth(story: Story) -> float:
+    """Nats of a story over nominal, less what a load at will must be better by."""
+    at_will = label_of(story.mode) == UNKNOWN
+    return story.gain - (RARE_NATS + AT_WILL * story.gain if at_will else 0.0)
+
+
+def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
+    """Probability of each label: its best story against nominal and the others'."""
+    nats = {NOMINAL: 0.0}
+    for story in stories:
+        label = label_of(story.mode)
+        nats[label] = max(nats.get(label, -math.inf), worth(story))
+    top = max(nats.values())
+    weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
+    total = sum(weights.values())
+    return {label: weight / total for label, weight in weights.items()}
