@@ -330,7 +330,7 @@ class Ukf(Observer, UnscentedKalmanFilter):
         P[1, 1] += (self.tune.tick * (x[0] - self.x[0])) ** 2
         P[2, 2] += self.in_play
         if not points[:, 0].any():
-            P[0, 0] = tr.held_variance(self.step.w_cmd)
+            P[0, 0] = tr.REST_VARIANCE  # sigma points break away by themselves
         return x, P
 
     def predict(self, u: Step) -> None:
