@@ -143,9 +143,7 @@ def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
             r.P[k, q] = total
         r.P[k, k] = r.P[k, k] + r.diffusion[k] * dt
     change = (r.x[0] - before) * (r.x[0] - before)
-    r.P[0, 0] = where_above(
-        moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE
-    )
+    r.P[0, 0] = where_above(moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE)
     r.P[1, 1] = r.P[1, 1] + tune.tick * tune.tick * change
     r.P[2, 2] = r.P[2, 2] + tr.play_doubt(c.high - c.low, after.high - after.low)
 

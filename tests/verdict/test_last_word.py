@@ -176,3 +176,75 @@ def test_the_rest_tells_a_slip_from_a_position_that_drifts(kind: str) -> None:
     said = {verdict.label, *verdict.alike}
     assert ("slip" if kind == "slip" else "sensor_fault") in said
     assert verdict.probability < 0.95 or verdict.label == ("slip" if kind == "slip" else "sensor_fault")
+
+
+@pytest.mark.parametrize("seed", [10008, 10033, 10067])
+def test_a_coupling_lost_for_a_twentieth_of_a_second_has_its_name(seed: int) -> None:
+    """Looks that go on behind its end find constants of no fault; the path is asked again from its own stretch."""
+    spec = hidden.draw_severity_case(seed, "coupling_for_a_while")
+    assert spec.fault.duration_s < 0.07
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == "coupling_loss"
+    begin = float(spec.fault.onset_s or 0.0)
+    assert found.verdict.onset_s == pytest.approx(begin, abs=0.02)
+    assert found.verdict.over_s == pytest.approx(begin + spec.fault.duration_s, abs=0.02)
+
+
+@pytest.mark.parametrize(("seed", "growth"), [(3, 0.5), (4, 0.7), (10024, 0.66)])
+def test_friction_that_more_than_doubles_within_a_second_is_a_jam(seed: int, growth: float) -> None:
+    v = verdict(hidden.Fault("jam", 1.5, size=1.6, growth_s=growth), seed=seed)
+    assert v.label == "jam" and v.onset_s == pytest.approx(1.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("seed", "shape"), [(10051, "s_curve"), (10001, "soft_ramps"), (10000, "sine")])
+def test_a_soft_start_is_no_fault(seed: int, shape: str) -> None:
+    """Friction lets go at a moment that nobody knows, and a curve has no corners: neither is an error that lasts."""
+    spec = hidden.draw_severity_case(seed, "nominal", shape)
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == "nominal"
+
+
+@pytest.mark.parametrize("seed", [11004, 11009, 11011])
+def test_a_coupling_lost_in_a_long_ramp_down_is_no_position_sensor(seed: int) -> None:
+    spec = hidden.draw_severity_case(seed, "coupling_loss", "s_curve")
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == "coupling_loss"
+    assert found.verdict.onset_s == pytest.approx(float(spec.fault.onset_s or 0.0), abs=0.02)
+
+
+@pytest.mark.parametrize("label", ["overload", "slip", "jam"])
+def test_the_second_fault_of_a_move_is_told_behind_the_first(label: str) -> None:
+    size = {"slip": 0.3, "jam": 0.5}.get(label)
+    v = verdict(hidden.Fault(label, 1.0, size=size), then=hidden.Fault("coupling_loss", 2.3))
+    assert v.label == label and v.onset_s == pytest.approx(1.0, abs=0.03)
+    (second,) = v.then
+    assert second.label in ("coupling_loss", "unknown") and second.onset_s == pytest.approx(2.3, abs=0.03)
+
+
+def test_a_coupling_that_lets_go_twice_is_told_twice() -> None:
+    twice = (
+        hidden.Fault("coupling_loss", 1.0, duration_s=0.15),
+        hidden.Fault("coupling_loss", 2.3, duration_s=0.2),
+    )
+    v = verdict(twice[0], then=twice[1])
+    assert v.label == "coupling_loss" and v.over_s == pytest.approx(1.15, abs=0.02)
+    (second,) = v.then
+    assert second.label == "coupling_loss" and second.over_s == pytest.approx(2.5, abs=0.02)
+
+
+@pytest.mark.parametrize("label", ["coupling_loss", "jam"])
+def test_one_fault_is_never_two(label: str) -> None:
+    for seed in range(3):
+        assert not verdict(hidden.Fault(label, 1.5, size=0.8), seed=seed).then
+
+
+@pytest.mark.parametrize("seed", [13001, 13002, 13004])
+def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
+    """On a slope nothing tells friction from gravity in one move: their sum is more than any rig has."""
+    spec = hidden.draw_severity_case(seed, "nominal")
+    pitch = spec.profile.pitch_steps[0][1]
+    profile = hidden.there_and_back((300.0,), (2.0,), (pitch,))
+    spec = replace(spec, profile=profile, fault=hidden.Fault("jam", 2.4, size=0.9))
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None
+    assert [e.label for e in found.events] == ["nominal", "jam"]
