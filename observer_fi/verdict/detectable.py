@@ -19,8 +19,8 @@ from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
 from observer_fi.verdict.last_word import CLEAN_S, FITS, PASSES_S
+from observer_fi.verdict.moves.whole_move import CHANGE_NATS, LEFT, window_of
 from observer_fi.verdict.onset import ROOM, Entry, Filters
-from observer_fi.verdict.whole_move import CHANGE_NATS, LEFT, window_of
 
 # What shows later than this after its begin is not counted: what grows slowly must first be doubted.
 SEEN_S = 2.0 * max(TIMES_S)

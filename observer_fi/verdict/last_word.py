@@ -16,10 +16,10 @@ from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import SURE, jammed_before, mostly
 from observer_fi.verdict.isolate import AT_START_S, healthy
+from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, lasted, until
+from observer_fi.verdict.moves.stories import Story, constant, measured, posterior_of, special_case, worth
+from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
-from observer_fi.verdict.second_fault import WINDOW_S, behind, lasted, until
-from observer_fi.verdict.stories import Story, constant, measured, posterior_of, special_case, worth
-from observer_fi.verdict.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05

@@ -10,7 +10,7 @@ import numpy as np
 
 from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
 from observer_fi.records import Array
-from observer_fi.verdict.whole_move import LEFT, Path, WholeMove
+from observer_fi.verdict.moves.whole_move import LEFT, Path, WholeMove
 
 WINDOW_S = 0.05  # over which a misfit is averaged
 MISFIT = 1.8  # times the expected NIS over it: right filters reach 1.5

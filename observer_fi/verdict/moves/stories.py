@@ -8,7 +8,7 @@ import numpy as np
 
 from observer_fi.physics import NOMINAL, UNKNOWN, OwnState, channel_of, label_of
 from observer_fi.records import CHANNELS, Event
-from observer_fi.verdict.whole_move import Path, WholeMove
+from observer_fi.verdict.moves.whole_move import Path, WholeMove
 
 # By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
 # fault grows is no part of its model.
