@@ -113,7 +113,8 @@ class LastWord:
         second = self._one(healthy, rest, about - round(BEFORE_S[0] / whole.interval), about + LEFT)
         if second is None:
             return None
-        return told._replace(then=(second[0]._replace(start_s=event.start_s),))
+        later = second[0]._replace(start_s=event.start_s)
+        return told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""
@@ -348,6 +349,14 @@ def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:
         return False
     begin, end = whole.window.t[path.begin], whole.window.t[path.end]
     return bool(end < start_s + SETTLED_S or end - begin < PASSES_S)
+
+
+def _stands_in_a_jam(later: Event) -> Event:
+    """A position that stands behind a jam: a motor that turns freely may feel the jam, as with a dead sensor; both are told."""
+    if later.channel != "position" or later.alike:
+        return later
+    posterior = dict.fromkeys(later.posterior, 0.0) | {later.label: 0.5, "coupling_loss": 0.5}
+    return later._replace(probability=0.5, posterior=posterior, alike=("coupling_loss",))
 
 
 def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
