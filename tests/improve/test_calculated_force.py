@@ -111,10 +111,19 @@ def test_extended_rig_is_complete_and_needs_nothing_more(tmp_path):
 
 def test_json_is_that_of_every_other_drive():
     result = to_json(improved(Truth(DRAG, DRAG), rig()))
-    assert list(result) == ["schema", "baseline", "refit", "findings", "unexplained", "extended", "freed"]
+    assert list(result) == [
+        "schema",
+        "baseline",
+        "refit",
+        "findings",
+        "unexplained",
+        "extended",
+        "new_moves",
+        "freed",
+    ]
     assert result["schema"] == "observer-fi/improve/1"
     for part in ("baseline", "extended"):
-        assert list(result[part]) == ["nll_per_sample", "rmse", "whiteness_p"]
+        assert list(result[part]) == ["nll_per_sample", "rmse", "whiteness_p", "noise_floor_nll"]
     assert result["extended"]["rmse"]["force_n"] < 0.1 * result["baseline"]["rmse"]["force_n"]
     assert set(result["refit"]["J"]) == {"value", "std", "prior", "unit"}
     (finding,) = result["findings"]
