@@ -192,7 +192,7 @@ def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> tuple
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
     if state == "I" and not rig.driven.servo:
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
-    own, spread = _own(h, state), settings.doubt.get(state, rig.spread(state))
+    own, spread = _own(h, state), max(settings.doubt.get(state, 0.0), rig.spread(state))
     mean, usual = (own.mean, own.std) if own else (float(state in INDEX), None)
     unit = _unit(own, rig)
     return mean * unit, settings.entry_std.get(state, spread if usual is None else usual * unit) ** 2

@@ -11,6 +11,7 @@ from typing import NoReturn
 from observer_fi import __version__
 from observer_fi.cli import inspection as cli_inspection
 from observer_fi.cli import learning as cli_learning
+from observer_fi.cli import rigs as cli_rigs
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import verdicts as cli_verdicts
 from observer_fi.cli.options import (
@@ -111,5 +112,10 @@ COMMANDS: dict[str, Command] = {
         "many logs, on local processes or a Dask cluster",
         cli_verdicts.fleet_arguments,
         cli_verdicts.run_fleet,
+    ),
+    "rig": Command(
+        "new: a rig file from data sheets, wide where nothing is known",
+        cli_rigs.rig_arguments,
+        cli_rigs.run_rig,
     ),
 }

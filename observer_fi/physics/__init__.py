@@ -54,6 +54,10 @@ from observer_fi.physics.scenario import (
     synthesise,
 )
 from observer_fi.physics.trapezoid import planned, quarters
+from observer_fi.physics.sheets.data_sheet import DataSheet, FromSheet, rig_of_sheet
+from observer_fi.physics.sheets.derived import UNLEARNED
+from observer_fi.physics.sheets.units import KINDS, value_of
+from observer_fi.physics.trapezoid import quarters
 
 __all__ = [
     "COLUMNS",
@@ -82,12 +86,15 @@ __all__ = [
     "Coverage",
     "Curve",
     "D",
+    "DataSheet",
     "FAULTS",
     "FORCE",
     "FRAME",
+    "FromSheet",
     "Fault",
     "INDEX",
     "J",
+    "KINDS",
     "MOST_POINTS",
     "MOVES",
     "Model",
@@ -101,6 +108,7 @@ __all__ = [
     "Scenario",
     "Term",
     "Truth",
+    "UNLEARNED",
     "VMAX",
     "Variant",
     "applied_torque",
@@ -122,6 +130,7 @@ __all__ = [
     "plant",
     "planned",
     "quarters",
+    "rig_of_sheet",
     "rig_toml",
     "rigs",
     "sensor_std",
@@ -131,6 +140,7 @@ __all__ = [
     "to_table",
     "unknown_name",
     "value_names",
+    "value_of",
     "with_curve",
     "with_values",
 ]

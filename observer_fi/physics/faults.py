@@ -107,7 +107,7 @@ FAULTS = table(
         label="coupling_loss",
         plant={"coupling": 0.0},  # equations 12 and 13: the motor turns without the mass
         shares=(),
-        states=(OwnState("A_decoupled", 1.0, None, 0.0),),
+        states=(OwnState("A_decoupled", 1.0, None, 0.0), OwnState("J_decoupled", 1.0, None, 0.0)),
         sizes=(
             OwnState(
                 "A_decoupled",

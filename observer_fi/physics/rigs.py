@@ -19,6 +19,7 @@ from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
 from observer_fi.physics.logger_table import acquisition_from, acquisition_table, without_nothing
+from observer_fi.physics.sheets.derived import derived
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.toml_files import toml_table
 
@@ -266,6 +267,8 @@ def _rig_from_table(table: dict, where: str) -> Rig:
             raise UsageError(f"parameters that drive {drive!r} has not: {', '.join(useless)}")
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
+    if DRIVES[drive].motor:
+        quantities |= _derived(quantities)
     noise = {"voltage": 0.01, "current": 3e-4, "position": 1e-5} | {
         k: float(v) for k, v in table.get("noise", {}).items()
     }
@@ -304,6 +307,15 @@ def _quantity(name: str, given: object) -> Quantity:
         float(entry.get("spread", 0.0)),
         None if std is None else float(std),
     )
+
+
+def _derived(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+    """What faults need of a rig whose file leaves it out: a zero would be a rig without stop, gravity and bearings."""
+    found = derived({name: q.value for name, q in quantities.items()})
+    return {
+        name: Quantity(one.value, PARAMETERS[name][0], one.method, one.source, one.spread)
+        for name, one in found.items()
+    }
 
 
 def with_curve(rig: Rig, curve: Curve) -> Rig:
