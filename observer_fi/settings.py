@@ -10,7 +10,10 @@ from observer_fi.toml_files import checked, toml_table
 
 @dataclass(frozen=True)
 class BankSettings:
-    """The bank. Standard deviations by state name, SI units; wander is relative, per square root of a second."""
+    """The bank. Standard deviations by state name, SI units; wander is relative, per square root of a second.
+
+    Currents, travels and integrals are those of the paper's rig; on another they count in proportion to its size.
+    """
 
     augment: bool = True
     unknown: bool = True

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import transition as tr
+from observer_fi.bank.rig_scale import Scale, scale_of
 from observer_fi.errors import UsageError
 from observer_fi.physics import (
     FAULTS,
@@ -137,10 +138,11 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
     size = np.array([len(h.states) for h in hypotheses])
     source = np.full((m, m, n), -1)
     mean, var, diffusion = np.zeros((m, n)), np.ones((m, n)), np.zeros((m, n))
+    scale = scale_of(rig.model)
     for j, target in enumerate(hypotheses):
         for k, state in enumerate(target.states):
-            mean[j, k], var[j, k] = _entry(target, state, rig, settings)
-            diffusion[j, k] = _diffusion(target, state, rig, settings)
+            mean[j, k], var[j, k] = _entry(target, state, rig, settings, scale)
+            diffusion[j, k] = _diffusion(target, state, rig, settings, scale)
             for i, origin in enumerate(hypotheses):
                 if state in origin.states:
                     source[j, i, k] = origin.states.index(state)
@@ -188,30 +190,36 @@ def _own(h: Hypothesis, state: str) -> OwnState | None:
     return next((s for s in h.own if s.name == state), None)
 
 
-def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> tuple[float, float]:
+def _entry(
+    h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale
+) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
     if state == "I" and not rig.driven.servo:
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
     own, spread = _own(h, state), max(settings.doubt.get(state, 0.0), rig.spread(state))
     mean, usual = (own.mean, own.std) if own else (float(state in INDEX), None)
-    unit = _unit(own, rig)
-    return mean * unit, settings.entry_std.get(state, spread if usual is None else usual * unit) ** 2
+    unit = _unit(own, rig, scale)
+    if state in settings.entry_std:
+        return mean * unit, (settings.entry_std[state] * scale.of(state)) ** 2
+    return mean * unit, (spread if usual is None else usual * unit) ** 2
 
 
-def _unit(own: OwnState | None, rig: Rig) -> float:
+def _unit(own: OwnState | None, rig: Rig, scale: Scale) -> float:
     """What turns the numbers of a fault's state into those of the filters."""
     if own is None:
         return 1.0
-    return 1.0 / own.mean if own.absolute else rig.model["A"] if own.of_friction else 1.0
+    return 1.0 / own.mean if own.absolute else rig.model["A"] if own.of_friction else scale.of(own.name)
 
 
-def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings) -> float:
+def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale) -> float:
     """Growth of the variance of a state per second."""
     if state == "I" and not rig.driven.servo:
-        return (settings.free_current / h.model["Ki"]) ** 2
+        return (settings.free_current * scale.current / h.model["Ki"]) ** 2
+    if state in settings.diffusion:
+        return (settings.diffusion[state] * scale.of(state)) ** 2
     own = _own(h, state)
-    growth = own.growth * _unit(own, rig) if own else settings.wander.get(state, 0.0)
-    return settings.diffusion.get(state, growth) ** 2
+    growth = own.growth * _unit(own, rig, scale) if own else settings.wander.get(state, 0.0)
+    return growth**2
 
 
 def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.contacts_and_losses import motor_angle
+from observer_fi.logs import position_speed
 from observer_fi.numerics import constant_runs, correlation_time, filled
 from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
@@ -117,9 +118,8 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
     size = max(1, round(SMOOTH_S * log.rate_hz))
     kernel = np.ones(size) / size
     if np.isnan(log.z[:, 0]).all() or model["Rm"] == 0.0:
-        x = np.convolve(np.pad(filled(log.z[:, 2]), size, mode="edge"), kernel, "same")[size:-size]
-        w = np.gradient(x, log.t) / model["D"]
-        return w, np.convolve(w, kernel, "same")
+        w = position_speed(log.t, log.z[:, 2], model["D"]).w
+        return w, w
     w = filled(speed(log.z, model.vector))
     return w, np.convolve(w, kernel, "same")
 

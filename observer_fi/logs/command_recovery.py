@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
+from observer_fi.logs.position_speed import position_speed
+from observer_fi.numerics import constant_runs
 from observer_fi.physics import Model, Rig, commanded, speed
 from observer_fi.records import Array, Log
 
@@ -29,6 +31,8 @@ RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a c
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
+SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
+DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
 
 Mask = NDArray[np.bool_]
@@ -64,6 +68,8 @@ def recover_command(log: Log, model: Model) -> Log:
             "log it, or give the rig of a motor with --rig"
         )
     has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
+    if not has_loop and _only_position(log):
+        return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]))
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
     noise = _noise(command[known])
     levels = _levels(log.t, command, known, noise)
@@ -75,9 +81,42 @@ def recover_command(log: Log, model: Model) -> Log:
     levels = _with_rests(levels, command, known, log, model)
     w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
-    note = f"{ABSENT}: recovered from voltage and current, {moves} starts"
+    return _recovered(log, w_cmd, "voltage and current", moves)
+
+
+def _recovered(log: Log, w_cmd: Array, source: str, moves: int) -> Log:
+    """`log` with its command and the note that says where it is from."""
     notes = tuple(old for old in log.notes if not old.startswith(ABSENT))
-    return replace(log, w_cmd=w_cmd, notes=(*notes, note))
+    return replace(log, w_cmd=w_cmd, notes=(*notes, f"{ABSENT}: recovered from {source}, {moves} starts"))
+
+
+def _only_position(log: Log) -> bool:
+    """Whether neither voltage nor encoder tell how fast the motor turns."""
+    return log.encoder is None and not np.isfinite(log.z[:, 0]).any() and np.isfinite(log.z[:, 2]).any()
+
+
+def _with_speed(log: Log, w: Array, noise: float) -> Log:
+    """`log` with the speed of the mass for its command, and 0 where that is within its noise.
+
+    A servo that nobody knows needs no more of a command than where it moves, and how fast. Where the mass stands and the
+    current goes on, the motor is still told to move.
+    """
+    turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
+    starts = int(np.count_nonzero(np.diff(turns.astype(np.int8)) > 0))
+    w_cmd = np.where(turns, w, 0.0)
+    for a, b in constant_runs((~turns & _driven(np.abs(log.z[:, 1]), turns)).astype(np.int8)):
+        if a > 0 and turns[a - 1] and not turns[a]:
+            w_cmd[a:b] = float(np.median(w_cmd[max(0, a - (b - a)) : a]))
+    return _recovered(log, w_cmd, "the position", starts)
+
+
+def _driven(i: Array, turns: Mask) -> Mask:
+    """Where a current as in motion flows: nowhere in a log that shows no less of it at rest."""
+    rests = i[: int(np.argmax(turns))]
+    if not turns.any() or not np.isfinite(rests).any():
+        return np.zeros_like(turns)
+    usual = float(np.nanmedian(i[turns]))
+    return np.nan_to_num(i) > max(DRIVEN * usual, HELD * float(np.nanmedian(rests)))
 
 
 def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:

@@ -1,0 +1,63 @@
+"""The speed of the motor where only the position tells it: the slope of a stretch as long as the position's noise needs."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.numerics import filled
+from observer_fi.records import Array
+
+SURE = 0.02  # of the top speed: what noise may make of the slope
+LONGEST_S = 0.1  # of a stretch: a longer one would smooth moves away
+FEWEST = 5  # samples of a stretch
+
+
+class PositionSpeed(NamedTuple):
+    """(n,) speed of the motor [rad/s], and the standard deviation of its noise."""
+
+    w: Array
+    std: float
+
+
+def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
+    """Speed of a motor whose mass is at x (n,) [m] at the times t (n,) [s]; D [m/rad]."""
+    from scipy.signal import savgol_filter
+
+    step, x = float(np.median(np.diff(t))), filled(x)
+    most = max(FEWEST, min(round(LONGEST_S / step) | 1, (t.size - 1) | 1 if t.size % 2 == 0 else t.size))
+    noise, top = _reading_std(x), _top(x, step)
+    size = FEWEST
+    while size < most and _slope_std(noise, size, step) > SURE * top:
+        size += 2
+    size = min(size, most)
+    slope = savgol_filter(x, size, 1, deriv=1, delta=step)
+    return PositionSpeed(slope / D, _slope_std(noise, size, step) / D)
+
+
+def _reading_std(x: Array) -> float:
+    """Standard deviation of one reading [m], of its noise or of its steps, whichever is more."""
+    change = np.abs(np.diff(x))
+    steps = change[change > 0.0]
+    if not steps.size:
+        return 0.0
+    second = np.abs(np.diff(x, 2))
+    white = float(np.sqrt(np.mean(np.minimum(second, 6.0 * max(float(np.median(second)), 1e-300)) ** 2) / 6.0))
+    return max(white, float(np.quantile(steps, 0.05)) / math.sqrt(12.0) if _stepped(steps) else 0.0)
+
+
+def _stepped(steps: Array) -> bool:
+    """Whether changes are whole multiples of the smallest one."""
+    least = float(steps.min())
+    return bool(np.median(np.abs(steps / least - np.round(steps / least))) < 0.02)
+
+
+def _slope_std(noise: float, size: int, step: float) -> float:
+    """Standard deviation of the slope of a straight line through `size` readings."""
+    return noise * math.sqrt(12.0 / (size * (size**2 - 1.0))) / step
+
+
+def _top(x: Array, step: float) -> float:
+    """The speed of the mass at its fastest [m/s]."""
+    span = min(max(round(LONGEST_S / step), 1), x.size - 1)
+    return float(np.quantile(np.abs(x[span:] - x[:-span]), 0.98)) / (span * step)
