@@ -9,6 +9,7 @@ from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import REPEATING, Hypothesis, arrays, bank, of_a_move
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
+from observer_fi.bank.rig_scale import between_samples
 from observer_fi.bank.work_arrays import work_arrays
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ __all__ = [
     "arrays",
     "bank",
     "bank_rows",
+    "between_samples",
     "compiled_bank",
     "first_state",
     "log_feed",

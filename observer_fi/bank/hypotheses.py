@@ -190,9 +190,7 @@ def _own(h: Hypothesis, state: str) -> OwnState | None:
     return next((s for s in h.own if s.name == state), None)
 
 
-def _entry(
-    h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale
-) -> tuple[float, float]:
+def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
     if state == "I" and not rig.driven.servo:
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2

@@ -7,6 +7,7 @@ intervals of the others stay honest. docs/identify.md has the equations, the che
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +30,17 @@ from observer_fi.learn.joint_likelihood import (
 )
 from observer_fi.learn.move_data import share_of
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
-from observer_fi.physics import PARAMETERS, Model, Rig, bounds, override, speed, with_values
+from observer_fi.physics import (
+    PARAMETERS,
+    UNLEARNED,
+    Model,
+    Rig,
+    bounds,
+    override,
+    rederived,
+    speed,
+    with_values,
+)
 from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
@@ -42,6 +53,8 @@ CANNOT_TELL = 0.3  # relative standard error from which on a value is none
 # 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
 TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3, 0.2))
 _TIMING = tuple(f.name for f in TIMING)
+# What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
+DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {
@@ -117,7 +130,13 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
     for name in ("torque_offset",):
         if name in values and abs(values[name]) < OFFSET_SHOWS * std[name]:
             del values[name], std[name]
-    return with_values(rig, values, std, "identified")
+    learned = with_values(rig, values, std, "identified")
+    narrow = {
+        name: replace(q, spread=DAILY.get(name, 0.0))
+        for name, q in learned.quantities.items()
+        if name in values and name in rig.quantities and rig.quantities[name].method in UNLEARNED
+    }
+    return rederived(replace(learned, quantities=learned.quantities | narrow))
 
 
 # --- what the logs hold ---------------------------------------------------------------------------

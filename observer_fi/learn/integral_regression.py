@@ -26,7 +26,10 @@ SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doub
 SMOOTH_S = 0.02  # over which the speed is averaged to find where the motor turns
 TURNS = 20.0  # rad/s: a motor slower than this stands
 CANNOT_TELL = 0.3
-MAKER = {"Km": 2e-3, "D": 1e-3}  # relative 1-sigma of what the maker states
+MAKER = {
+    "Km": 2e-3,
+    "D": 1e-3,
+}  # relative 1-sigma of what the maker states, where the rig file gives no spread
 PITCH_SPAN = 2.0  # deg
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
@@ -40,6 +43,11 @@ _NEEDED = {
     "Km": "current and speed change together; record starts and steady moves",
     "torque_offset": "all moves go in one direction; record moves in both",
 }
+# What no healthy move tells, and no fit of this kind looks for: the rig file keeps what it had.
+_OF_FAULTS = dict.fromkeys(
+    ("C", "E", "A_decoupled", "J_decoupled"),
+    "no healthy move shows a stop or an open coupling; faults are told with the wide value of the rig file",
+)
 
 
 class Window(NamedTuple):
@@ -75,7 +83,11 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
     parameters, covariance = _reported(names, values, covariance, rig)
-    missing = {name: text for name, text in _NEEDED.items() if not any(p.name == name for p in parameters)}
+    missing = {
+        name: text
+        for name, text in (_NEEDED | _OF_FAULTS).items()
+        if not any(p.name == name for p in parameters)
+    }
     noise = (
         float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
         if with_voltage
@@ -168,8 +180,8 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[fl
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
     Km = 1.0 / float(s.x[0])
-    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, MAKER["D"] * Km))
-    maker = MAKER["Km"] * model["Km"]
+    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, (rig.spread("D") or MAKER["D"]) * Km))
+    maker = (rig.spread("Km") or MAKER["Km"]) * model["Km"]
     weight = maker**2 / (std**2 + maker**2)
     return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
 

@@ -22,9 +22,9 @@ from observer_fi.logs.moves import (
     settling_time,
 )
 from observer_fi.logs.plain_lines import numbers
+from observer_fi.logs.position_speed import position_speed
 from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
 from observer_fi.logs.units import suspect_units
-from observer_fi.logs.position_speed import position_speed
 
 if TYPE_CHECKING:
     from observer_fi.logs.inspection.contents import Column, digest_of

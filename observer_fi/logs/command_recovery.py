@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.moves import saturated
-from observer_fi.logs.position_speed import position_speed
-from observer_fi.numerics import constant_runs
+from observer_fi.logs.position_speed import LONGEST_S, position_speed
+from observer_fi.numerics import constant_runs, filled
 from observer_fi.physics import Model, Rig, commanded, speed
 from observer_fi.records import Array, Log
 
@@ -33,6 +33,7 @@ RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of 
 
 SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
 DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
+SHORT = 5  # samples: a current that is less for a shorter time is noise
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
 
 Mask = NDArray[np.bool_]
@@ -104,19 +105,26 @@ def _with_speed(log: Log, w: Array, noise: float) -> Log:
     turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
     starts = int(np.count_nonzero(np.diff(turns.astype(np.int8)) > 0))
     w_cmd = np.where(turns, w, 0.0)
-    for a, b in constant_runs((~turns & _driven(np.abs(log.z[:, 1]), turns)).astype(np.int8)):
-        if a > 0 and turns[a - 1] and not turns[a]:
-            w_cmd[a:b] = float(np.median(w_cmd[max(0, a - (b - a)) : a]))
+    for a, b in constant_runs(turns.astype(np.int8)):
+        if a > 0 and not turns[a]:
+            last = float(np.median(w_cmd[max(0, 2 * a - b) : a]))
+            w_cmd[a : _driven_until(log, turns, a, b, last)] = last
     return _recovered(log, w_cmd, "the position", starts)
 
 
-def _driven(i: Array, turns: Mask) -> Mask:
-    """Where a current as in motion flows: nowhere in a log that shows no less of it at rest."""
-    rests = i[: int(np.argmax(turns))]
-    if not turns.any() or not np.isfinite(rests).any():
-        return np.zeros_like(turns)
-    usual = float(np.nanmedian(i[turns]))
-    return np.nan_to_num(i) > max(DRIVEN * usual, HELD * float(np.nanmedian(rests)))
+def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float) -> int:
+    """The row until which the current drives on, `way` as before, a mass that stands in rows a to b.
+
+    A stop takes the current away, or turns it round, before the mass stands; so does a rest that shows as much of it.
+    """
+    i = np.nan_to_num(filled(log.z[:, 1])) * np.sign(way)
+    before = i[: int(np.argmax(turns))]
+    usual = float(np.median(np.abs(i[turns])))
+    enough = max(DRIVEN * usual, HELD * float(np.median(np.abs(before))) if before.size else np.inf)
+    begin = max(a - round(LONGEST_S * log.rate_hz), 0)
+    pulls = np.convolve(i[begin:b] > enough, np.ones(SHORT), mode="same") > 0.5 * SHORT
+    ends = np.flatnonzero(~pulls[: b - begin - SHORT])
+    return max(a, begin + int(ends[0])) if ends.size else b
 
 
 def loop_command(log: Log, model: Model) -> tuple[Array, Mask]:

@@ -42,7 +42,9 @@ def _reading_std(x: Array) -> float:
     if not steps.size:
         return 0.0
     second = np.abs(np.diff(x, 2))
-    white = float(np.sqrt(np.mean(np.minimum(second, 6.0 * max(float(np.median(second)), 1e-300)) ** 2) / 6.0))
+    white = float(
+        np.sqrt(np.mean(np.minimum(second, 6.0 * max(float(np.median(second)), 1e-300)) ** 2) / 6.0)
+    )
     return max(white, float(np.quantile(steps, 0.05)) / math.sqrt(12.0) if _stepped(steps) else 0.0)
 
 

@@ -19,7 +19,7 @@ from observer_fi.physics.drives import DRIVES, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
 from observer_fi.physics.logger_table import acquisition_from, acquisition_table, without_nothing
-from observer_fi.physics.sheets.derived import derived
+from observer_fi.physics.sheets.derived import GUESS, GUESSED, derived
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.toml_files import toml_table
 
@@ -307,6 +307,15 @@ def _quantity(name: str, given: object) -> Quantity:
         float(entry.get("spread", 0.0)),
         None if std is None else float(std),
     )
+
+
+def rederived(rig: Rig) -> Rig:
+    """`rig` with what was guessed from other values guessed anew from those it has now."""
+    if not rig.driven.motor:
+        return rig
+    guessed = [name for name in GUESSED if name in rig.quantities and rig.quantities[name].method == GUESS]
+    known = {name: q for name, q in rig.quantities.items() if name not in guessed}
+    return replace(rig, quantities=known | _derived(known))
 
 
 def _derived(quantities: dict[str, Quantity]) -> dict[str, Quantity]:

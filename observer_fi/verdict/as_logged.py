@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.bank import REPEATING
+from observer_fi.bank import REPEATING, between_samples
 from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
 from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
@@ -33,7 +33,7 @@ class AsLogged:
         self.acquisition = _commanded(_of(acquisition_of(log, rig.file_noise_std), rig.logger), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        bank = for_readings(settings, rig, log.z)
+        bank = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
         self.settings = replace(bank, glitch_nis=min(SPIKE_NIS, bank.glitch_nis)) if spiky else bank
         self.offset = electrical_offset(self.acquisition, rig)

@@ -9,12 +9,14 @@ from typing import NamedTuple
 GUESS, DERIVED, SHEET = "guess", "derived", "data sheet"
 UNLEARNED = (GUESS, DERIVED, SHEET)  # methods of values that no log has shown
 
+GUESSED = ("B", "C", "E", "A_decoupled", "J_decoupled")  # what `derived` can give
+
 LOOSE_FRICTION = 0.7  # of the friction: motor, gear and screw bearings keep most of it
 LOOSE_INERTIA = 0.9  # of the inertia: most of it turns, and little of it moves
 COMPRESSED = 0.5  # of the travel that an obstacle takes: between none and all
 LEVEL_DEG = 20.0  # pitch at which gravity is worth the friction: steeper, and the mass slides back by itself
-# How deep a mass presses until the stop is worth the friction: so many radians of the motor, a share of the travel, at most.
-PRESSED_RAD, PRESSED_SHARE, PRESSED_M = 1000.0, 0.02, 5e-3
+# How deep a mass presses until the stop is worth the friction: what gives way has a size of its own; at most a share of the travel.
+PRESSED_M, PRESSED_SHARE = 2e-3, 0.1
 LEAST_ACCELERATION = 1.0  # rad/s^2, that a rig without friction gives the torque of its stop
 
 
@@ -50,5 +52,5 @@ def derived(given: Mapping[str, float]) -> dict[str, Derived]:
 def _stiffness(given: Mapping[str, float]) -> float:
     """C [N m/m^2], equation 11: friction over the square of a depth."""
     travel = given.get("x_stop_high", float("inf")) - given.get("x_stop_low", -float("inf"))
-    depth = min(PRESSED_RAD * given["D"], PRESSED_SHARE * travel, PRESSED_M)
+    depth = min(PRESSED_SHARE * travel, PRESSED_M)
     return max(given["A"], LEAST_ACCELERATION * given["J"]) / depth**2
