@@ -24,10 +24,28 @@ from .profiles import (
     there_and_back,
 )
 from .rig import TABLE_1, Rig, draw_rest_integral, draw_rig
+from .rigs import (
+    DRIVEN_BY,
+    FAULTS_DRAWN,
+    Actuator,
+    actuator_log,
+    data_sheet,
+    draw_actuator,
+    fault_spec,
+    healthy_spec,
+)
 from .sensors import Logger
 from .truth import TruthSpec, make_log, make_log_through, true_motion, without_noise, write_log
 
 __all__ = [
+    "DRIVEN_BY",
+    "FAULTS_DRAWN",
+    "Actuator",
+    "actuator_log",
+    "data_sheet",
+    "draw_actuator",
+    "fault_spec",
+    "healthy_spec",
     "ALL",
     "CAUSES",
     "CHANNELS",
