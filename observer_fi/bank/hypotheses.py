@@ -173,7 +173,20 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     """
     fine = settings.repeat_scale * rig.neighbour_std
     share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
-    return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
+    if rig.driven.servo:
+        return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
+    return np.where(rig.repeats > REPEATING, np.maximum(_of_the_other(rig), 1.0), share)
+
+
+def _of_the_other(rig: Rig) -> Array:
+    """(3,) noise of voltage and current as the other one tells them, as a share of their own.
+
+    An unknown servo may hold both still and nothing foretells it: a reading that repeats itself more closely than the other one
+    could tell is no news of a sensor.
+    """
+    voltage, current, _ = rig.noise_std
+    ratio = rig.model["Rm"] * current / voltage
+    return np.array([ratio, 1.0 / ratio if ratio else 1.0, 1.0])
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

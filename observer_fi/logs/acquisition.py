@@ -176,8 +176,8 @@ def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:
     if not y.size:
         return t, y
     y = y - np.median(y)
-    usual = 1.4826 * float(np.median(np.abs(y))) or float(y.std())
-    spikes = np.abs(y) > SPIKE * usual if usual else np.zeros(y.size, dtype=np.bool_)
+    usual = 1.4826 * float(np.median(np.abs(y))) or float(np.min(np.abs(y[y != 0.0]), initial=np.inf))
+    spikes = np.abs(y) > SPIKE * usual
     if spikes.mean() > 0.05:
         spikes[:] = False
     y = y[~spikes]

@@ -32,8 +32,8 @@ OWN_FRICTION = 0.02  # of a motor, as a share of its torque at stall
 DECAY_S, RINGING, FOLLOWS = 0.06, 100.0, 10.0
 SOURCE_OHM = 0.03  # resistance of the supply, as a share of the winding's
 RAMP_S = 0.02  # in which a servo is told to reach full speed
-# A card of 12 bits for twice the supply, the current at stall, the travel: what logs show beyond it is taken from them.
-CARD = 2.0 / 4096.0 / math.sqrt(12.0)
+# A card of 18 bits for twice the supply, the current at stall, the travel: what a log shows beyond that is taken from it.
+CARD = 2.0 / 2**18 / math.sqrt(12.0)
 G = 9.80665
 
 
@@ -125,7 +125,7 @@ class _Maker:
         return {name: self.found[name] for name in PARAMETERS if name in self.found}
 
     def noise(self) -> dict[str, float]:
-        """Standard deviations of a card of twelve bits, V, A, m."""
+        """Standard deviations that no logger goes below, V, A, m."""
         sheet, volts = self.sheet, self.sheet.supply or 24.0
         amperes = self._stall_current() or 10.0 * (sheet.nominal_current or 0.1)
         metres = sheet.travel or 10.0 * (sheet.lead or 1e-3)
