@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import log_feed
-from observer_fi.physics import LABELS, NOT_TESTED, Rig
+from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNLEARNED, Rig, words_of
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
 
@@ -22,6 +22,7 @@ SURE_HZ = 75.0
 # Mean square change of the command from sample to sample, over its variance (von Neumann): 2 for noise, and at 50
 # samples/s still below 0.3 for a move of a third of a second.
 ROUGHEST = 1.0
+LEARNED_FIRST = ("J", "A")  # what any healthy move tells
 FEWEST_QUIET = 2  # channels that repeat themselves together: one could be frozen
 
 
@@ -58,7 +59,22 @@ class Testable:
         variance = self.squares - self.sum**2 / self.commanded
         if self.changes > ROUGHEST * variance > 0.0:
             return "the commanded speed changes at random from sample to sample: it is no command"
+        return "" if label == NOMINAL else never_learned(rig, label)
+
+
+def never_learned(rig: Rig, label: str) -> str:
+    """Why a fault on a rig whose friction or inertia no log has ever shown is none; "" for a rig that was learned.
+
+    Of six healthy moves of drawn actuators, with the rig files of their data sheets, four looked like a fault.
+    """
+    guessed = [n for n in LEARNED_FIRST if n in rig.quantities and rig.quantities[n].method in UNLEARNED]
+    if not guessed:
         return ""
+    return (
+        f"{' and '.join(guessed)} of the rig file are from data sheets or guessed, and with them the log looks like "
+        f"{words_of(label) if label in FAULTS and not FAULTS[label].by_channel else 'a sensor fault'}: learn the rig from "
+        "healthy moves first (observer-fi identify)"
+    )
 
 
 def moving_samples(e: Estimate) -> int:
