@@ -29,6 +29,7 @@ from observer_fi.learn.joint_likelihood import (
     residuals_of,
 )
 from observer_fi.learn.move_data import share_of
+from observer_fi.learn.servo_start import needs_start, with_start
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
 from observer_fi.physics import (
     PARAMETERS,
@@ -55,6 +56,8 @@ TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3,
 _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
+# What the command shows and no likelihood asks, with its relative standard error.
+FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 1e-2}
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {
@@ -98,6 +101,28 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         return identify_force(logs, rig)
     if not rig.driven.servo:
         return identify_driven(logs, rig)
+    if needs_start(rig):
+        begun = with_start(logs, rig)
+        return _with_commanded(_identify_servo(logs, begun), begun, rig)
+    return _identify_servo(logs, rig)
+
+
+def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
+    """A fit from `begun` as one of `rig`: its priors, and what the likelihood takes from the command as it is."""
+    known = [replace(p, prior=rig.model[p.name]) if p.name in rig.quantities else p for p in fit.parameters]
+    added = [n for n in FROM_COMMAND if n in begun.quantities and begun.model[n] != rig.model[n]]
+    for name in added:
+        value = begun.model[name]
+        std = FROM_COMMAND[name] * value
+        low, high = value - Z95 * std, value + Z95 * std
+        known.append(Parameter(name, value, std, rig.model[name], PARAMETERS[name][0], low, high))
+    correlation = np.eye(len(known))
+    correlation[: len(fit.parameters), : len(fit.parameters)] = fit.correlation
+    return replace(fit, parameters=tuple(known), correlation=correlation)
+
+
+def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
+    """The fit of a rig whose servo is known well enough to begin with."""
     material = [_material(log, rig) for log in logs]
     steps, start = closed_form_start(material, rig.model)
     share = share_of(m.moves for m in material)
@@ -114,8 +139,13 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
     fitted = fit_parts(parts, rig.model, free, values)
     weak = _weak(fitted, identified)
     if weak:
-        identified = identified - weak
-        fitted = fit_parts(parts, rig.model, _free(material, fitted.values, identified, rig), fitted.values)
+        fitted = fit_parts(
+            parts, rig.model, _free(material, fitted.values, identified - weak, rig), fitted.values
+        )
+        again = fit_parts(parts, rig.model, _free(material, fitted.values, identified, rig), fitted.values)
+        still = _weak(again, identified)  # a fit that began far away may only have stopped short
+        fitted = again if not still else fitted
+        identified = identified - (weak if still else set())
     return _fit(parts, fitted, identified, steps, rig)
 
 

@@ -128,7 +128,10 @@ class _Trial:
             return None
         enough = sizes[0] - 0.5 * share[0] if share[0] > 0.0 else np.interp(0.0, share, sizes)
         value = float(np.exp(enough))
-        value *= max((LIMIT + SURE) / float(self._means(value).max()), 1.0)
+        shown = float(self._means(value).max())
+        if shown <= 0.0:
+            return None
+        value *= max((LIMIT + SURE) / shown, 1.0)
         return max(value, least) if value <= self.least.tried[-1] else None
 
     def shortest(self, nats: float) -> float | None:
