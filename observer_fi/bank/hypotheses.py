@@ -6,13 +6,14 @@ state that the source does not have starts from its entry prior.
 """
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.rig_scale import Scale, scale_of
+from observer_fi.bank.rig_scale import PAPERS_HZ, Scale, scale_of
 from observer_fi.errors import UsageError
 from observer_fi.physics import (
     FAULTS,
@@ -175,16 +176,19 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
     if rig.driven.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
-    return np.where(rig.repeats > REPEATING, np.maximum(_of_the_other(rig), 1.0), share)
+    return np.where(rig.repeats > REPEATING, np.maximum(_foretold(rig, settings), 1.0), share)
 
 
-def _of_the_other(rig: Rig) -> Array:
-    """(3,) noise of voltage and current as the other one tells them, as a share of their own.
+def _foretold(rig: Rig, settings: BankSettings) -> Array:
+    """(3,) how closely voltage and current can be foretold where an unknown servo makes them, as a share of their noise.
 
-    An unknown servo may hold both still and nothing foretells it: a reading that repeats itself more closely than the other one
-    could tell is no news of a sensor.
+    Each by the other one; a current alone by nothing, however still it is held. A reading that repeats itself more closely
+    than that is no news of its sensor.
     """
     voltage, current, _ = rig.noise_std
+    if "voltage_v" not in rig.driven.columns:
+        free = settings.free_current * scale_of(rig.model).current * math.sqrt(1.0 / PAPERS_HZ)
+        return np.array([1.0, free / current, 1.0])
     ratio = rig.model["Rm"] * current / voltage
     return np.array([ratio, 1.0 / ratio if ratio else 1.0, 1.0])
 

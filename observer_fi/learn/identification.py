@@ -146,6 +146,7 @@ def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
         still = _weak(again, identified)  # a fit that began far away may only have stopped short
         fitted = again if not still else fitted
         identified = identified - (weak if still else set())
+        identified = identified - _weak(fitted, identified)  # what the first fit hid
     return _fit(parts, fitted, identified, steps, rig)
 
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from observer_fi.numerics import autocorrelation, runs
 from observer_fi.physics import Rig
-from observer_fi.records import Acquisition, Array, ChannelTraits, Clock, Line, Log
+from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Clock, Line, Log
 
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
 SETTLED_S = 0.3  # after a stop, until a rest is one
+FOREIGN = 5.0  # times its noise: a logger that a rig file does not know
 SPIKE = 6.0  # standard deviations, at rest
 # By which a spike is off its neighbours: standard deviations, and times their distance from each other.
 FAR, ALONE = 8.0, 4.0
@@ -63,7 +64,16 @@ def with_logger(rig: Rig, logs: Sequence[Log]) -> Rig:
     """The rig with what the first of some logs shows of the logger; as it is where no motor drives it."""
     if not rig.driven.motor or not logs:
         return rig
-    return replace(rig, logger=acquisition_of(logs[0], rig.file_noise_std))
+    seen = acquisition_of(logs[0], rig.file_noise_std)
+    return replace(
+        rig, logger=seen, noise={name: _of_file(rig.noise[name], getattr(seen, name)) for name in CHANNELS}
+    )
+
+
+def _of_file(filed: float, seen: ChannelTraits) -> float:
+    """The noise that a rig file is to have: a healthy log's where the file's knew nothing of the logger."""
+    known = not math.isfinite(seen.as_white) or 1.0 / FOREIGN < seen.as_white / filed < FOREIGN
+    return filed if known or seen.as_white == 0.0 else seen.as_white
 
 
 def rests_of(t: Array, w_cmd: Array) -> list[slice]:
