@@ -211,12 +211,19 @@ def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: S
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
     if state == "I" and not rig.driven.servo:
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
-    own, spread = _own(h, state), max(settings.doubt.get(state, 0.0), rig.spread(state))
+    own = _own(h, state)
+    spread = math.hypot(max(settings.doubt.get(state, 0.0), rig.spread(state)), _uncertain(rig, state))
     mean, usual = (own.mean, own.std) if own else (float(state in INDEX), None)
     unit = _unit(own, rig, scale)
     if state in settings.entry_std:
         return mean * unit, (settings.entry_std[state] * scale.of(state)) ** 2
     return mean * unit, (spread if usual is None else usual * unit) ** 2
+
+
+def _uncertain(rig: Rig, name: str) -> float:
+    """Relative standard error of a constant that was learned, 0 of others."""
+    q = rig.quantities.get(name)
+    return abs(q.std / q.value) if q is not None and q.std is not None and q.value else 0.0
 
 
 def _unit(own: OwnState | None, rig: Rig, scale: Scale) -> float:

@@ -105,11 +105,28 @@ def _with_speed(log: Log, w: Array, noise: float) -> Log:
     turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
     starts = int(np.count_nonzero(np.diff(turns.astype(np.int8)) > 0))
     w_cmd = np.where(turns, w, 0.0)
+    stood = 0
     for a, b in constant_runs(turns.astype(np.int8)):
-        if a > 0 and not turns[a]:
+        if a > 0 and turns[a]:
+            w_cmd[_begun(log, stood, a) : a] = w_cmd[a]
+        elif a > 0:
             last = float(np.median(w_cmd[max(0, 2 * a - b) : a]))
-            w_cmd[a : _driven_until(log, turns, a, b, last)] = last
+            stood = _driven_until(log, turns, a, b, last)
+            w_cmd[a:stood] = last
     return _recovered(log, w_cmd, "the position", starts)
+
+
+def _begun(log: Log, stood: int, a: int) -> int:
+    """The row at which the current leaves what it was in the rest since row `stood`, before the mass is seen to move at row a."""
+    i = filled(log.z[:, 1])
+    first = max(a - 2 * round(LONGEST_S * log.rate_hz), stood)
+    quiet = i[stood:first]
+    if quiet.size < 2 * SHORT:
+        return first
+    off = np.abs(quiet - np.median(quiet))
+    usual = 1.4826 * float(np.median(off)) or float(np.min(off[off > 0.0], initial=np.inf))
+    left = np.flatnonzero(np.abs(i[first:a] - np.median(quiet)) > SIGMAS * usual)
+    return first + int(left[0]) if left.size else a
 
 
 def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float) -> int:
