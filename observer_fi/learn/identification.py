@@ -57,7 +57,7 @@ _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 # What the command shows and no likelihood asks, with its relative standard error.
-FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 1e-2}
+FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 1e-3}
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {

@@ -5,7 +5,8 @@ is linear in the gains,
 
     i = c + Kp e + Ki int e dt,    e = w_cmd - w,
 
-with a constant a move; of a position servo, w_cmd = Kx u with u = x_cmd / D - angle, in Kp, Ki, Kp Kx and Ki Kx.
+with a constant a move; of a position servo, w_cmd = Kx u with u = x_cmd / D - angle, in Kp, Ki, Kp Kx and Ki Kx, and its
+encoder is the integral of w.
 """
 
 from collections.abc import Mapping, Sequence
@@ -90,8 +91,10 @@ def _moves(log: Log, rig: Rig) -> list[tuple[Array, Array]]:
         t, kept = log.t[rows], free[rows]
         if int(kept.sum()) < FEWEST // 2:
             continue
-        parts = (command[rows] - w[rows],) if rig.driven.command is None else (-w[rows], command[rows])
-        columns = [c for part in parts for c in (part, motor_angle(t, part))]
+        error = command[rows] - w[rows]
+        columns = [error, motor_angle(t, error)]
+        if log.encoder is not None and rig.driven.command is not None:
+            columns = [-w[rows], -filled(log.encoder)[rows], command[rows], motor_angle(t, command[rows])]
         G = np.column_stack(columns)[kept]
         found.append((G - G.mean(axis=0), i[rows][kept] - i[rows][kept].mean()))
     return found
