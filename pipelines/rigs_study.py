@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import hidden
 import pandas as pd
 
-from observer_fi.cli.commands import main as command
+from observer_fi.cli import main as command
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import identified_rig, identify
 from observer_fi.logs import log_from_frame, with_command, with_logger

@@ -93,7 +93,8 @@ def _recovered(log: Log, w_cmd: Array, source: str, moves: int) -> Log:
 
 def _only_position(log: Log) -> bool:
     """Whether neither voltage nor encoder tell how fast the motor turns."""
-    return log.encoder is None and not np.isfinite(log.z[:, 0]).any() and np.isfinite(log.z[:, 2]).any()
+    seen = [bool(np.isfinite(channel).any()) for channel in log.z.T]
+    return log.encoder is None and not seen[0] and seen[2]
 
 
 def _with_speed(log: Log, w: Array, noise: float) -> Log:
@@ -103,7 +104,6 @@ def _with_speed(log: Log, w: Array, noise: float) -> Log:
     current goes on, the motor is still told to move.
     """
     turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
-    starts = int(np.count_nonzero(np.diff(turns.astype(np.int8)) > 0))
     w_cmd = np.where(turns, w, 0.0)
     stood = 0
     for a, b in constant_runs(turns.astype(np.int8)):
@@ -113,6 +113,7 @@ def _with_speed(log: Log, w: Array, noise: float) -> Log:
             last = float(np.median(w_cmd[max(0, 2 * a - b) : a]))
             stood = _driven_until(log, turns, a, b, last)
             w_cmd[a:stood] = last
+    starts = int(np.count_nonzero(np.diff((w_cmd != 0.0).astype(np.int8)) > 0))
     return _recovered(log, w_cmd, "the position", starts)
 
 

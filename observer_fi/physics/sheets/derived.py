@@ -15,7 +15,7 @@ LOOSE_FRICTION = 0.7  # of the friction: motor, gear and screw bearings keep mos
 LOOSE_INERTIA = 0.9  # of the inertia: most of it turns, and little of it moves
 COMPRESSED = 0.5  # of the travel that an obstacle takes: between none and all
 LEVEL_DEG = 20.0  # pitch at which gravity is worth the friction: steeper, and the mass slides back by itself
-# How deep a mass presses until the stop is worth the friction: what gives way has a size of its own; at most a share of the travel.
+# How deep a mass presses until the stop is worth the friction: what gives way has its own size; at most a share of the travel.
 PRESSED_M, PRESSED_SHARE = 2e-3, 0.1
 LEAST_ACCELERATION = 1.0  # rad/s^2, that a rig without friction gives the torque of its stop
 

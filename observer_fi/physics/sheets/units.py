@@ -60,7 +60,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
     ),
     "gear": _kind("14:1", {":1": 1.0}, 1e-2, 1e5, 1.0),
     "efficiency": _kind("80 %", {"%": 0.01}, 0.01, 1.0, 1.0),
-    "lead": _kind("4 mm", {k: f for k, f in _LENGTH.items() if k != "ft"} | {"mm/rev": 1e-3, "mm/turn": 1e-3}, 1e-6, 1.0, 1.0, "m"),
+    "lead": _kind("4 mm", _LENGTH | {"mm/rev": 1e-3, "mm/turn": 1e-3}, 1e-6, 1.0, 1.0, "m"),
     "mass": _kind("6 kg", _MASS, 1e-6, 1e5, 1.0),
     "travel": _kind("500 mm", _LENGTH, 1e-5, 1e2, 1.0, "m"),
     "voltage": _kind("24 V", {"V": 1.0, "mV": 1e-3, "kV": 1e3}, 1e-2, 1e4, 1.0),
@@ -72,8 +72,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
 
 # What is printed in more than one way. A point, a cross or a space between two units says nothing.
 _SYMBOLS = str.maketrans({
-    "²": "2", "³": "3", "µ": "u", "μ": "u", "Ω": "ohm", "Ω": "ohm", "⁻": "-", "¹": "1", "−": "-", "·": "", "⋅": "", "×": "", "*": "",
-    "^": "", " ": "", "\u00a0": "", "\u202f": "", "\u2009": "",
+    "²": "2", "³": "3", "µ": "u", "\u03bc": "u", "\u03a9": "ohm", "\u2126": "ohm", "⁻": "-", "¹": "1", "\u2212": "-", "·": "",
+    "⋅": "", "\u00d7": "", "*": "", "^": "", " ": "", "\u00a0": "", "\u202f": "", "\u2009": "",
 })  # fmt: skip
 _NAMES = (
     (r"[oO]hms?\b", "ohm"),

@@ -1,0 +1,75 @@
+"""The bank's numbers on rigs of other sizes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer_fi.bank.hypotheses import arrays, bank, repeat_share
+from observer_fi.bank.rig_scale import PAPERS_HZ, between_samples, scale_of
+from observer_fi.physics import DataSheet, load_rig, rig_of_sheet, with_values
+from observer_fi.records import Acquisition, ChannelTraits, Clock
+from observer_fi.settings import BankSettings
+
+SETTINGS = BankSettings()
+SLIDE = rig_of_sheet(
+    DataSheet(
+        "slide",
+        "voltage",
+        lead=4e-3,
+        resistance=2.3,
+        torque_constant=0.052,
+        rotor_inertia=5.2e-5,
+        mass=6.0,
+        supply=24.0,
+    )
+).rig
+
+
+def test_the_papers_rig_has_the_papers_numbers() -> None:
+    assert scale_of(load_rig().model) == pytest.approx((1.0, 1.0, 1.0, 1.0))
+
+
+def test_what_a_larger_rig_may_do_is_larger() -> None:
+    scale = scale_of(SLIDE.model)
+    assert (
+        scale.of("torque") > 50.0 and scale.current > 10.0 and scale.of("x") > 100.0 and scale.of("w") == 1.0
+    )
+
+
+def test_the_bank_enters_disturbances_of_the_rigs_size() -> None:
+    hypotheses = bank(SLIDE, SETTINGS)
+    unknown = next(k for k, h in enumerate(hypotheses) if h.name == "unknown")
+    torque = hypotheses[unknown].states.index("torque")
+    assert np.sqrt(arrays(hypotheses, SLIDE, SETTINGS).entry_var[unknown, torque]) > 0.5 * SLIDE.model["A"]
+
+
+def test_a_guess_and_the_error_of_a_fit_widen_the_prior() -> None:
+    def width(rig):  # of the inertia, of nominal
+        nominal = bank(rig, SETTINGS)[0]
+        return float(np.sqrt(arrays((nominal,), rig, SETTINGS).entry_var[0, nominal.states.index("J")]))
+
+    paper = load_rig()
+    assert width(paper) == pytest.approx(0.05)
+    assert width(SLIDE) == pytest.approx(SLIDE.spread("J")) and SLIDE.spread("J") > 0.1
+    J = paper.model["J"]
+    assert width(with_values(paper, {"J": J}, {"J": 0.12 * J})) == pytest.approx(0.13)
+
+
+def test_slow_samples_of_an_unknown_servo_leave_its_speed_in_doubt() -> None:
+    assert between_samples(SETTINGS, SLIDE, PAPERS_HZ / 4.0).agility == pytest.approx(4.0 * SETTINGS.agility)
+    assert between_samples(SETTINGS, SLIDE, 5000.0) is SETTINGS
+    assert between_samples(SETTINGS, load_rig(), 100.0) is SETTINGS
+
+
+def coarse(rig):
+    """The rig through a logger whose readings repeat themselves at rest."""
+    channels = [ChannelTraits(s, s, 0.9 * s, repeats=0.4, neighbour_std=s) for s in (2e-3, 0.1, 1e-5)]
+    return replace(rig, logger=Acquisition(*channels, Clock(0.0, None, 1e-3)))
+
+
+def test_a_reading_that_an_unknown_servo_holds_still_is_no_frozen_sensor() -> None:
+    voltage, current, position = repeat_share(coarse(SLIDE), SETTINGS)
+    assert voltage == pytest.approx(2.3 * 0.1 / 2e-3) and current == position == 1.0
+    alone = replace(SLIDE, drive="current")
+    assert repeat_share(coarse(alone), SETTINGS)[1] >= 1.0
