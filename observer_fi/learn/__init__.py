@@ -59,7 +59,7 @@ from observer_fi.learn.output_error import (
     without_moves,
 )
 from observer_fi.learn.reversal_doubt import CAUGHT_A
-from observer_fi.learn.unknown_servo import with_servo
+from observer_fi.learn.servo.unknown_servo import with_servo
 
 __all__ = [
     "CAUGHT_A",

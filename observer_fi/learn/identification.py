@@ -29,7 +29,7 @@ from observer_fi.learn.joint_likelihood import (
     residuals_of,
 )
 from observer_fi.learn.move_data import share_of
-from observer_fi.learn.servo_start import needs_start, with_start
+from observer_fi.learn.servo.servo_start import needs_start, with_start
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
 from observer_fi.physics import (
     PARAMETERS,

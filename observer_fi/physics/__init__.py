@@ -54,11 +54,10 @@ from observer_fi.physics.scenario import (
     drawn_scenario,
     synthesise,
 )
-from observer_fi.physics.trapezoid import planned, quarters
 from observer_fi.physics.sheets.data_sheet import DataSheet, FromSheet, rig_of_sheet
 from observer_fi.physics.sheets.derived import UNLEARNED
 from observer_fi.physics.sheets.units import KINDS, value_of
-from observer_fi.physics.trapezoid import quarters
+from observer_fi.physics.trapezoid import planned, quarters
 
 __all__ = [
     "COLUMNS",

@@ -8,7 +8,7 @@ import pytest
 from campaigns import log_of
 
 from observer_fi.errors import UsageError
-from observer_fi.learn.unknown_servo import with_servo
+from observer_fi.learn.servo.unknown_servo import with_servo
 from observer_fi.physics.rigs import Rig, load_rig
 
 PAPER = load_rig()

@@ -18,7 +18,7 @@ def test_actuators_are_drawn_over_decades_and_their_moves_fit(drive: str) -> Non
         spec = hidden.healthy_spec(a)
         assert all(m.hold_s > abs(m.speed) / a.rig.accel for m in spec.profile.moves)
         top = a.rig.Vmax / a.rig.Km
-        assert a.rig.A < 0.5 * a.rig.Km * a.rig.Vmax / a.rig.Rm and a.speed < top
+        assert 0.5 * a.rig.Km * a.rig.Vmax / a.rig.Rm > a.rig.A and a.speed < top
 
 
 def test_a_sheet_is_near_the_truth_and_not_on_it() -> None:

@@ -1,0 +1,1 @@
+"""The servo of a rig that comes without one, or with no more than a data sheet."""
