@@ -1,0 +1,273 @@
+"""What healthy logs are like: a mean of every quantity under the conditions of a log, the scatter from log to log, and from
+which distance on a log has changed.
+
+    y = B c + u + e,    u ~ (0, S) from log to log,    e ~ (0, V) of the log's own noise,
+
+c: 1 and the conditions (load, pitch, speed). A distance is that of Mahalanobis, with the correlation of S shrunk towards none
+(Schaefer and Strimmer 2005): of all quantities, and of each group that one cause moves together. How far healthy logs lie that
+the mean never saw is measured: blocks of the baseline are left out in turn. Fourth roots of these distances are near to normal
+(Hawkins and Wixley 1986); standardised, what is above zero is added in squares over the groups to the score of a log. Its
+limit is a prediction limit of Student's t: with few logs it is far away, as it must be. docs/trend.md has the reasons.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from observer_fi.errors import UsageError
+from observer_fi.records import Array
+from observer_fi.trend.kinds import kind_of
+from observer_fi.trend.table import Table, regressors
+
+FEWEST = 4  # logs of a baseline
+BLOCKS = 7  # of neighbouring logs that are left out in turn
+PER_COEFFICIENT = 2  # logs for each condition that the baseline can tell
+ROOT = 0.25  # power of a distance that is near to normal
+ALL = "all"
+SHIFT = 3.0  # makes the logarithm of a score normal: 0.9 to 1.0 % exceed a limit of 1 % for baselines of 8 to 40 logs
+RIDGE = 0.03  # logs that say that a condition changes nothing: what two of them do together is shared
+WIDENING = 0.7  # prior standard deviation of the logarithm of a variance per usual departure of a condition
+MOST_OWN = 0.95  # of the scatter may be a log's own noise: a later log with less of it is not that much alike
+UNSEEN = 1.0  # standard deviations of the baseline by which a quantity may move per unit of a condition it never varied in
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Healthy logs in numbers. k quantities, c conditions.
+
+    coefficients (c, k) and leverage (c, c), whose quadratic form with a log's conditions is the share of the scatter that the
+    mean's own error adds; scatter (k,) standard deviation from log to log, own noise included, excursions of healthy logs
+    counted in; widening (c, k): the logarithm of its square per unit of each condition, for friction scatters more where it is
+    larger; noise (k,) the share of the scatter that is a typical log's own; correlation: of each group and of all quantities, shrunk;
+    freedom: degrees of it.
+    usual: of each group of quantities mean and standard deviation of the root of a healthy log's distance. limit: score beyond
+    which a log has changed; limit_of: what one quantity may differ by, in standard deviations. heldout: healthy scores.
+    """
+
+    reference: Table
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    coefficients: Array
+    leverage: Array
+    scatter: Array
+    widening: Array
+    noise: Array
+    correlation: dict[str, Array]
+    freedom: int
+    usual: dict[str, tuple[float, float]]
+    limit: float = math.inf
+    limit_of: float = math.inf
+    heldout: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Departure:
+    """How a log differs from the baseline in the quantities that both have.
+
+    which (m,): rows of the baseline's quantities; expected (m,), found (m,), std (m,) of their difference; z (m,) in these;
+    distance: by group, squared and per quantity.
+    """
+
+    which: NDArray[np.intp]
+    expected: Array
+    found: Array
+    std: Array
+    z: Array
+    distance: dict[str, float]
+
+
+def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Baseline:
+    """The baseline of healthy logs. rate: false alarms per log. calibration: further healthy logs that set the limits in
+    place of those that are left out in turn.
+
+    Raises UsageError where they are too few.
+    """
+    n = len(healthy.paths)
+    if n < FEWEST:
+        raise UsageError(f"{n} healthy logs are too few for a baseline: give {FEWEST} or more with --baseline-logs")
+    fitted = _fit(healthy)
+    if not fitted.names:
+        raise UsageError(f"{healthy.paths[0]}: no quantity is told by most of the baseline's logs; record moves in both directions")
+    if calibration is None:
+        away = _left_out(healthy)
+    else:
+        away = [departure(fitted, calibration, k) for k in range(len(calibration.paths))]
+    return _with_limits(fitted, away, rate)
+
+
+def score_of(baseline: Baseline, found: Departure) -> float:
+    """How far a log is, in standard deviations of healthy logs: groups farther than usual, added in squares."""
+    roots = _roots(baseline.usual, found.distance)
+    return math.sqrt(sum(max(u, 0.0) ** 2 for u in roots.values()))
+
+
+def _roots(usual: dict[str, tuple[float, float]], distance: dict[str, float]) -> dict[str, float]:
+    return {g: (d**ROOT - usual[g][0]) / usual[g][1] for g, d in distance.items() if g in usual}
+
+
+def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float) -> Baseline:
+    """The baseline with limits from healthy logs that its mean never saw, each judged by the spread of the others."""
+    groups = list(dict.fromkeys(g for d in away for g in d.distance))
+    roots = np.array([[d.distance.get(g, np.nan) ** ROOT for g in groups] for d in away])
+    scores = []
+    for k in range(len(away)):
+        usual = _usual(groups, np.delete(roots, k, axis=0))
+        scores.append(score_of(replace(fitted, usual=usual), away[k]))
+    single = np.concatenate([d.z for d in away if d.z.size])
+    wider = max(1.0, float(np.sqrt(np.mean(np.minimum(single**2, 25.0)))))
+    own = float(stats.t.isf(rate / (2 * len(fitted.names)), fitted.freedom))
+    limit = prediction_limit(np.array(scores), rate)
+    usual = _usual(groups, roots)
+    return replace(fitted, usual=usual, limit=limit, limit_of=own * wider, heldout=tuple(scores))
+
+
+def _usual(groups: Sequence[str], roots: Array) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of the roots (n, g) of each group; the spread is that of its theory at least."""
+    found = {}
+    for k, group in enumerate(groups):
+        known = roots[np.isfinite(roots[:, k]), k]
+        if known.size >= 2:
+            found[group] = (float(known.mean()), max(float(known.std(ddof=1)), 1e-9))
+    return found
+
+
+def prediction_limit(score: Array, rate: float) -> float:
+    """What the next of these scores (n,) exceeds with a chance of `rate`: log(score + SHIFT) is near to normal."""
+    y, n = np.log(score + SHIFT), score.size
+    far = float(stats.t.isf(rate, n - 1)) * float(y.std(ddof=1)) * math.sqrt(1.0 + 1.0 / n)
+    return math.exp(min(float(y.mean()) + far, 700.0)) - SHIFT
+
+
+def _left_out(healthy: Table) -> list[Departure]:
+    """Every log as the others see it that are not its neighbours: a warm day is no news on the same day."""
+    n = len(healthy.paths)
+    found = []
+    for block in np.array_split(np.arange(n), min(BLOCKS, n)):
+        fitted = _fit(healthy.rows(np.setdiff1d(np.arange(n), block)))
+        part = healthy.rows(block)
+        found += [departure(fitted, part, k) for k in range(block.size)]
+    return found
+
+
+# --- mean and scatter -------------------------------------------------------------------------------
+
+
+def _fit(healthy: Table) -> Baseline:
+    n = len(healthy.paths)
+    enough = np.isfinite(healthy.value).sum(axis=0) >= max(3, math.ceil(0.6 * n))
+    moved = np.nanstd(np.where(np.isfinite(healthy.value), healthy.value, np.nan)[:, enough], axis=0) > 0.0
+    kept = np.flatnonzero(enough)[moved]
+    names_kept = tuple(healthy.names[k] for k in kept)
+    X = regressors(healthy, healthy)[1]
+    X = X[:, : 1 + max((n - 2) // PER_COEFFICIENT - 1, 0)]
+    y = _completed(healthy.value[:, kept])
+    inverse = np.linalg.inv(X.T @ X + RIDGE * np.diag(np.r_[1e-6, np.ones(X.shape[1] - 1)]))
+    B = inverse @ X.T @ y
+    r = y - X @ B
+    freedom = max(n - X.shape[1], 1)
+    std = np.sqrt(np.sum(r**2, axis=0) / freedom)
+    usual = float(stats.norm.isf(0.25 / n))
+    widening = _widening(X, r / std, freedom / n)
+    z = r / std / np.exp(0.5 * X @ widening)
+    z /= np.sqrt(np.sum(z**2, axis=0) / freedom)
+    scatter = std * np.maximum(1.0, np.abs(z).max(axis=0) / usual)
+    own = np.sqrt(np.nanmedian(healthy.variance[:, kept], axis=0))
+    return Baseline(
+        healthy, names_kept, tuple(healthy.units[k] for k in kept), B, inverse,
+        scatter, widening, np.minimum(own / scatter, MOST_OWN), _correlations(names_kept, z, freedom), freedom, {},
+    )  # fmt: skip
+
+
+def groups_of(names: Sequence[str]) -> dict[str, NDArray[np.intp]]:
+    """Rows of the quantities of each group, and of all."""
+    every = np.array([kind_of(name).group for name in names])
+    return {**{g: np.flatnonzero(every == g) for g in dict.fromkeys(every.tolist())}, ALL: np.arange(len(names))}
+
+
+def _correlations(names: Sequence[str], z: Array, freedom: int) -> dict[str, Array]:
+    return {g: shrunk(z[:, rows], freedom) for g, rows in groups_of(names).items()}
+
+
+def _widening(X: Array, z: Array, share: float) -> Array:
+    """(c, k) slopes of log z^2 (n, k) with the conditions X (n, c), by their likelihood under a prior of no slope.
+
+    The mean of X's first column, 1, is left to the scatter itself.
+    """
+    slopes = np.zeros((X.shape[1], z.shape[1]))
+    if X.shape[1] == 1:
+        return slopes
+    prior = np.diag(np.r_[1e-6, np.full(X.shape[1] - 1, 1.0 / WIDENING**2)])
+    inverse = np.linalg.inv(0.5 * X.T @ X + prior)
+    for _ in range(20):
+        ratio = np.minimum(z**2 / share / np.exp(np.clip(X @ slopes, -6.0, 6.0)), 9.0)
+        slopes = slopes + inverse @ (0.5 * X.T @ (ratio - 1.0) - prior @ slopes)
+    slopes[0] = 0.0
+    return slopes
+
+
+def _completed(value: Array) -> Array:
+    """What a log could not tell as the median of the others."""
+    return np.where(np.isfinite(value), value, np.nanmedian(value, axis=0))
+
+
+def shrunk(z: Array, freedom: int) -> Array:
+    """Correlation of standardised rows z (n, k), shrunk towards the identity by as much as its own error asks for."""
+    n, k = z.shape
+    R = z.T @ z / freedom
+    np.fill_diagonal(R, 1.0)
+    products = z[:, :, None] * z[:, None, :]
+    error = n / max(n - 1, 1) ** 3 * np.sum((products - products.mean(axis=0)) ** 2, axis=0)
+    off = ~np.eye(k, dtype=bool)
+    total = float(np.sum(R[off] ** 2))
+    share = min(1.0, float(error[off].sum()) / total) if total > 0.0 else 1.0
+    share = max(share, min(1.0, k / (10.0 * n)), 0.02)
+    return (1.0 - share) * R + share * np.eye(k)
+
+
+# --- a log against it --------------------------------------------------------------------------------
+
+
+def departure(baseline: Baseline, table: Table, row: int) -> Departure:
+    """How one log of a table differs from the baseline, with the error of the mean under that log's conditions."""
+    one = table.rows(np.array([row]))
+    where = [table.names.index(n) if n in table.names else -1 for n in baseline.names]
+    value = np.array([one.value[0, k] if k >= 0 else np.nan for k in where])
+    own = np.array([one.variance[0, k] if k >= 0 else np.nan for k in where])
+    c, excess, beyond = _conditions(baseline, one)
+    expected = c @ baseline.coefficients
+    lever = float(c @ baseline.leverage @ c) + beyond
+    doubt = np.sum((excess[:, None] * baseline.coefficients) ** 2, axis=0)
+    square = baseline.scatter**2 * np.exp(np.clip((c - excess * np.sign(c)) @ baseline.widening, -2.0, 4.0))
+    variance = square * (1.0 - baseline.noise**2 + lever) + own + doubt
+    which = np.flatnonzero(np.isfinite(value) & np.isfinite(variance))
+    std = np.sqrt(variance[which])
+    z = (value[which] - expected[which]) / std
+    full = np.full(len(baseline.names), np.nan)
+    full[which] = z
+    distance = {}
+    for group, rows in groups_of(baseline.names).items():
+        there = np.isfinite(full[rows])
+        if there.any():
+            R = baseline.correlation[group][np.ix_(there, there)]
+            distance[group] = float(full[rows][there] @ np.linalg.solve(R, full[rows][there])) / int(there.sum())
+    return Departure(which, expected[which], value[which], std, z, distance)
+
+
+def _conditions(baseline: Baseline, one: Table) -> tuple[Array, Array, float]:
+    """(c,) regressors of a log in the baseline's order; by how much each lies outside what healthy logs had, where what it does is
+    doubted as a whole; and what conditions that the baseline never varied add to the variance, in that of the scatter.
+    """
+    mine, x = regressors(one, baseline.reference)
+    size = baseline.coefficients.shape[0]
+    names, healthy = regressors(baseline.reference, baseline.reference)
+    at = dict(zip(mine, x[0], strict=True))
+    c = np.array([at.get(name, 0.0) for name in names[:size]])
+    low, high = healthy[:, :size].min(axis=0), healthy[:, :size].max(axis=0)
+    excess = np.maximum(c - high, 0.0) + np.maximum(low - c, 0.0)
+    excess[0] = 0.0
+    beyond = sum(float(v) ** 2 for name, v in at.items() if name not in names[:size])
+    return c, np.where(excess > 0.1 * (high - low), excess, 0.0), UNSEEN**2 * beyond

@@ -1,0 +1,36 @@
+"""A log to its digest: constants where the rig has them and the logger is fast enough, else friction along the travel."""
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.physics import Rig
+from observer_fi.records import Log
+from observer_fi.trend import constants, travel
+from observer_fi.trend.digests import Digest, joined, recorded_at
+
+
+def digest_of(log: Log, rig: Rig) -> Digest:
+    """What the log says of its actuator; without quantities, and with the reason, where it says nothing."""
+    time = recorded_at(log.metadata)
+    try:
+        if constants.has_constants(log, rig):
+            found, missing, conditions = constants.quantities(log, rig)
+            names, units, value, covariance = joined(found)
+            return Digest(log.path, log.sha256, names, units, value, covariance, conditions, missing, time)
+    except InvalidLogError as error:
+        return _silent(log, time, str(error).removeprefix(f"{log.path}: "))
+    series = travel.series_of(log, rig)
+    if isinstance(series, str):
+        return _silent(log, time, series)
+    friction, curve = travel.friction(series, rig)
+    if curve is None:
+        return _silent(log, time, "the mass moves too shortly; record moves of a second or longer")
+    names, units, value, covariance = joined([*friction, *travel.events(series), *travel.loop(series)])
+    missing = {} if "A" in names else {"A": "moves in one direction only; record moves in both"}
+    notes = ("the current is a magnitude: its sign is taken from the direction of motion",) if series.unsigned else ()
+    return Digest(
+        log.path, log.sha256, names, units, value, covariance, travel.conditions(series), missing, time, curve, notes
+    )  # fmt: skip
+
+
+def _silent(log: Log, time: str, reason: str) -> Digest:
+    names, units, value, covariance = joined([])
+    return Digest(log.path, log.sha256, names, units, value, covariance.reshape(0, 0), {}, {"everything": reason}, time)
