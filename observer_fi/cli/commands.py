@@ -13,6 +13,7 @@ from observer_fi.cli import inspection as cli_inspection
 from observer_fi.cli import learning as cli_learning
 from observer_fi.cli import rigs as cli_rigs
 from observer_fi.cli import synthetic as cli_synthetic
+from observer_fi.cli import trends as cli_trends
 from observer_fi.cli import verdicts as cli_verdicts
 from observer_fi.cli.options import (
     OK,
@@ -117,5 +118,10 @@ COMMANDS: dict[str, Command] = {
         "new: a rig file from data sheets, wide where nothing is known",
         cli_rigs.rig_arguments,
         cli_rigs.run_rig,
+    ),
+    "trend": Command(
+        "what changed over an actuator's logs: since when, by how much, and is it real",
+        cli_trends.trend_arguments,
+        cli_trends.run_trend,
     ),
 }

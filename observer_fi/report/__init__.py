@@ -34,6 +34,8 @@ if TYPE_CHECKING:
         improve_headline,
         improve_json,
     )
+    from observer_fi.report.trend_page import headline as trend_headline
+    from observer_fi.report.trend_page import trend_files, trend_json
     from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
 
 __all__ = [
@@ -67,6 +69,9 @@ __all__ = [
     "page",
     "simulate",
     "table",
+    "trend_files",
+    "trend_headline",
+    "trend_json",
     "versions",
     "write_beside",
     "write_file",
@@ -88,12 +93,14 @@ _LATER = {
         "improve_headline",
         "improve_json",
     ),
+    "trend_page": ("trend_files", "trend_headline", "trend_json"),
     "notebook": ("diagnose", "identify", "improve", "simulate", "write_report"),
 }
+_NAMED = {"trend_headline": "headline"}  # where the module calls it otherwise
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), _NAMED.get(name, name))

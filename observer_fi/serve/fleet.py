@@ -255,22 +255,37 @@ def run(
     """
     if not logs:
         return
+    job = replace(job, folder=job.folder.resolve(), out=job.out.resolve())
+    items = {log: (log, name) for log, name in logs.items()}
+    for log, future in spread(work, job, items, workers, scheduler):
+        yield _row_of(future, log)
+        future.release()
+    for name in logs.values():  # a worker that was killed while it wrote could not do it
+        clear_leftovers(job.out / name)
+
+
+def spread(
+    function: Callable[..., Any],
+    shared: Any,
+    items: dict[str, tuple[Any, ...]],
+    workers: int,
+    scheduler: str | None,
+) -> Iterator[tuple[str, Any]]:
+    """Names of the items and their futures as they finish: function(shared, *item) on every worker that is free.
+
+    Raises UsageError where there is no dask, or no scheduler; LostClusterError where the cluster goes on the way.
+    """
     with _client(workers, scheduler) as client:
         from dask.distributed import as_completed
 
-        job = replace(job, folder=job.folder.resolve(), out=job.out.resolve())
-        shared = client.scatter(job, broadcast=True, hash=False)
+        there = client.scatter(shared, broadcast=True, hash=False)
         turn = secrets.token_hex(4)  # names of logs need not be text
         futures = {
-            client.submit(work, shared, log, name, pure=False, key=f"observer-fi-{turn}-{k}", retries=0): log
-            for k, (log, name) in enumerate(logs.items())
+            client.submit(function, there, *item, pure=False, key=f"observer-fi-{turn}-{k}", retries=0): name
+            for k, (name, item) in enumerate(items.items())
         }
         for future in _finished(client, as_completed(list(futures))):
-            log = futures.pop(future)
-            yield _row_of(future, log)
-            future.release()
-    for name in logs.values():  # a worker that was killed while it wrote could not do it
-        clear_leftovers(job.out / name)
+            yield futures.pop(future), future
 
 
 def _row_of(future: Any, log: str) -> dict[str, Any]:

@@ -88,10 +88,14 @@ def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Base
     """
     n = len(healthy.paths)
     if n < FEWEST:
-        raise UsageError(f"{n} healthy logs are too few for a baseline: give {FEWEST} or more with --baseline-logs")
+        raise UsageError(
+            f"{n} healthy logs are too few for a baseline: give {FEWEST} or more with --baseline-logs"
+        )
     fitted = _fit(healthy)
     if not fitted.names:
-        raise UsageError(f"{healthy.paths[0]}: no quantity is told by most of the baseline's logs; record moves in both directions")
+        raise UsageError(
+            f"{healthy.paths[0]}: no quantity is told by most of the baseline's logs; record moves in both directions"
+        )
     if calibration is None:
         away = _left_out(healthy)
     else:
@@ -185,7 +189,10 @@ def _fit(healthy: Table) -> Baseline:
 def groups_of(names: Sequence[str]) -> dict[str, NDArray[np.intp]]:
     """Rows of the quantities of each group, and of all."""
     every = np.array([kind_of(name).group for name in names])
-    return {**{g: np.flatnonzero(every == g) for g in dict.fromkeys(every.tolist())}, ALL: np.arange(len(names))}
+    return {
+        **{g: np.flatnonzero(every == g) for g in dict.fromkeys(every.tolist())},
+        ALL: np.arange(len(names)),
+    }
 
 
 def _correlations(names: Sequence[str], z: Array, freedom: int) -> dict[str, Array]:
@@ -253,7 +260,9 @@ def departure(baseline: Baseline, table: Table, row: int) -> Departure:
         there = np.isfinite(full[rows])
         if there.any():
             R = baseline.correlation[group][np.ix_(there, there)]
-            distance[group] = float(full[rows][there] @ np.linalg.solve(R, full[rows][there])) / int(there.sum())
+            distance[group] = float(full[rows][there] @ np.linalg.solve(R, full[rows][there])) / int(
+                there.sum()
+            )
     return Departure(which, expected[which], value[which], std, z, distance)
 
 
@@ -271,3 +280,34 @@ def _conditions(baseline: Baseline, one: Table) -> tuple[Array, Array, float]:
     excess[0] = 0.0
     beyond = sum(float(v) ** 2 for name, v in at.items() if name not in names[:size])
     return c, np.where(excess > 0.1 * (high - low), excess, 0.0), UNSEEN**2 * beyond
+
+
+UNITS = {
+    "load_n": "N",
+    "pitch_deg": "deg",
+    "speed_m_s": "m/s",
+    "speed_rad_s": "rad/s",
+    "travel_centre_m": "m",
+    "travel_m": "m",
+}
+
+
+def outside(baseline: Baseline, table: Table, row: int) -> tuple[str, ...]:
+    """Conditions of a log that lie outside what healthy logs had, in words: their effect is taken out with doubt, or not at all."""
+    found = []
+    for k, name in enumerate(baseline.reference.condition_names):
+        if name not in table.condition_names:
+            continue
+        value = float(table.conditions[row, table.condition_names.index(name)])
+        low, high = (
+            float(np.nanmin(baseline.reference.conditions[:, k])),
+            float(np.nanmax(baseline.reference.conditions[:, k])),
+        )
+        slack = 0.1 * (high - low) + 0.05 * max(abs(low), abs(high)) + 1e-12
+        if not low - slack <= value <= high + slack:
+            words = name.rpartition("_")[0] if name.endswith(("_n", "_deg", "_m")) else "speed"
+            unit = UNITS.get(name, "")
+            found.append(
+                f"{words.replace('_', ' ')} {value:.3g} {unit} is outside the baseline's {low:.3g} to {high:.3g} {unit}"
+            )
+    return tuple(found)

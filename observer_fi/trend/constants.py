@@ -46,11 +46,18 @@ def _roomy(rig: Rig) -> Rig:
 def _constants(fit: Fit) -> Set:
     kept = [k for k, p in enumerate(fit.parameters) if p.name in PARAMETERS and math.isfinite(p.std)]
     if not kept:
-        raise InvalidLogError("no constant can be told from this log; record moves from rest in both directions")
+        raise InvalidLogError(
+            "no constant can be told from this log; record moves from rest in both directions"
+        )
     std = np.array([fit.parameters[k].std for k in kept])
     covariance = fit.correlation[np.ix_(kept, kept)] * np.outer(std, std)
     names = tuple(fit.parameters[k].name for k in kept)
-    return names, tuple(fit.parameters[k].unit for k in kept), np.array([fit.parameters[k].value for k in kept]), covariance
+    return (
+        names,
+        tuple(fit.parameters[k].unit for k in kept),
+        np.array([fit.parameters[k].value for k in kept]),
+        covariance,
+    )
 
 
 def _play(fit: Fit, rig: Rig) -> list[Set]:
@@ -95,7 +102,9 @@ def _misfit(fit: Fit) -> list[Set]:
 
 
 def _conditions(log: Log, fit: Fit) -> dict[str, float]:
-    peaks: Array = np.concatenate([np.abs(one["peak"]) for one in fit.figures.get("fits", [])] or [np.zeros(0)])
+    peaks: Array = np.concatenate(
+        [np.abs(one["peak"]) for one in fit.figures.get("fits", [])] or [np.zeros(0)]
+    )
     speed = float(peaks.mean()) if peaks.size else float(np.nanmax(np.abs(log.w_cmd), initial=0.0))
     load = 0.0 if log.load is None else float(np.nanmean(log.load))
     return {"load_n": load, "pitch_deg": float(np.nanmean(log.pitch)), "speed_rad_s": speed}

@@ -50,7 +50,9 @@ class Digest:
     notes: tuple[str, ...] = ()
 
 
-def joined(parts: Sequence[tuple[Sequence[str], Sequence[str], Array, Array]]) -> tuple[Any, Any, Array, Array]:
+def joined(
+    parts: Sequence[tuple[Sequence[str], Sequence[str], Array, Array]],
+) -> tuple[Any, Any, Array, Array]:
     """Names, units, values and block-diagonal covariance of several sets of quantities (each in that order)."""
     names = tuple(n for part in parts for n in part[0])
     units = tuple(u for part in parts for u in part[1])

@@ -12,9 +12,15 @@ from observer_fi.records import Array
 from observer_fi.trend.digests import Curve
 from observer_fi.trend.travel import FEWEST, WAYS, Set, regression
 
-LINE_STANDS_OUT = 12.0  # times the median of the spectrum around it; white residuals reach 9 once in 10 000 lines
+LINE_STANDS_OUT = (
+    12.0  # times the median of the spectrum around it; white residuals reach 9 once in 10 000 lines
+)
 FEWEST_TURNS = 4.0  # periods within the travel
-BANDS = {"slow": (0.02, 0.15), "middle": (0.15, 0.4), "fast": (0.4, 1.0)}  # of the highest frequency of the samples
+BANDS = {
+    "slow": (0.02, 0.15),
+    "middle": (0.15, 0.4),
+    "fast": (0.4, 1.0),
+}  # of the highest frequency of the samples
 MOST_LINES = 2
 
 
@@ -95,6 +101,8 @@ def _roughness(r: Array, name: str) -> Set:
     for low, high in BANDS.values():
         lines = power[(at >= low) & (at < high)]
         value.append(0.5 * float(np.log(max(lines.mean() / r.size, 1e-300))))
-        variance.append(0.25 * 1.5 / max(lines.size, 1))  # of a mean of exponentials; the window joins 1.5 lines
+        variance.append(
+            0.25 * 1.5 / max(lines.size, 1)
+        )  # of a mean of exponentials; the window joins 1.5 lines
     names = tuple(f"roughness_{band}_{name}" for band in BANDS)
     return names, ("1",) * len(names), np.array(value), np.diag(variance)

@@ -70,8 +70,12 @@ def table_of(digests: Sequence[Digest], periods: Sequence[float]) -> Table:
             if name in row and np.isfinite(row[name].value):
                 value[n, k], variance[n, k] = row[name].value, max(row[name].variance, 0.0)
     known = tuple(dict.fromkeys(c for d in digests for c in d.conditions))
-    conditions = np.array([[d.conditions.get(c, np.nan) for c in known] for d in digests]).reshape(len(rows), -1)
-    return Table(tuple(d.path for d in digests), names, tuple(units.values()), value, variance, known, conditions)
+    conditions = np.array([[d.conditions.get(c, np.nan) for c in known] for d in digests]).reshape(
+        len(rows), -1
+    )
+    return Table(
+        tuple(d.path for d in digests), names, tuple(units.values()), value, variance, known, conditions
+    )
 
 
 class Entry(NamedTuple):
@@ -85,7 +89,9 @@ class Entry(NamedTuple):
 def _entries(digest: Digest, periods: Sequence[float]) -> dict[str, Entry]:
     found = {
         name: Entry(float(v), float(c), unit)
-        for name, unit, v, c in zip(digest.names, digest.units, digest.value, np.diag(digest.covariance), strict=True)
+        for name, unit, v, c in zip(
+            digest.names, digest.units, digest.value, np.diag(digest.covariance), strict=True
+        )
     }
     for names, units, value, covariance in ripple.quantities(digest.curve, periods) if digest.curve else []:
         for name, unit, v, c in zip(names, units, value, np.diag(covariance), strict=True):
@@ -109,7 +115,11 @@ def regressors(table: Table, reference: Table) -> tuple[tuple[str, ...], Array]:
         if float(np.nanmax(every) - np.nanmin(every)) <= floor:
             continue
         c = np.where(np.isfinite(table.conditions[:, k]), table.conditions[:, k], float(np.nanmedian(every)))
-        kinds = {name: c, f"|{name}|": np.abs(c)} if name in SIGNED and np.nanmin(every) < 0.0 < np.nanmax(every) else {name: c}
+        kinds = (
+            {name: c, f"|{name}|": np.abs(c)}
+            if name in SIGNED and np.nanmin(every) < 0.0 < np.nanmax(every)
+            else {name: c}
+        )
         for label, column in kinds.items():
             healthy = reference.conditions[:, k] if label == name else np.abs(reference.conditions[:, k])
             middle = float(np.nanmean(healthy))
@@ -124,3 +134,8 @@ def _size(name: str, table: Table, reference: Table) -> float:
     name = "travel_m" if name == "travel_centre_m" and "travel_m" in table.condition_names else name
     k = table.condition_names.index(name)
     return float(np.nanmax(np.abs(np.concatenate([table.conditions[:, k], reference.conditions[:, k]]))))
+
+
+def period_of(name: str) -> float:
+    """The period along the travel [m] that the name of a ripple carries."""
+    return float(name.partition("@")[2])

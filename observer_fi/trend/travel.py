@@ -84,7 +84,21 @@ def series_of(log: Log, rig: Rig) -> Series | str:
     unsigned = bool(i.min() >= 0.0 and {1.0, -1.0} <= set(moving.tolist()))
     signed = i * (np.where(v < 0.0, -1.0, 1.0) if unsigned else 1.0)
     error = cmd - x if known else np.full(x.size, np.nan)
-    return Series(t, x, v, a, constant * signed, constant * np.abs(i), error, way, moving, load, pitch, unsigned, typical)
+    return Series(
+        t,
+        x,
+        v,
+        a,
+        constant * signed,
+        constant * np.abs(i),
+        error,
+        way,
+        moving,
+        load,
+        pitch,
+        unsigned,
+        typical,
+    )
 
 
 def _channels(log: Log) -> tuple[Array, ...]:
@@ -195,7 +209,14 @@ def events(s: Series) -> list[Set]:
     if not names:
         return []
     mean = np.array([np.mean(v) for v in values])
-    return [(tuple(names), tuple(units), mean, np.diag(_noise_of(names, s, early, wanted) / [len(v) for v in values]))]
+    return [
+        (
+            tuple(names),
+            tuple(units),
+            mean,
+            np.diag(_noise_of(names, s, early, wanted) / [len(v) for v in values]),
+        )
+    ]
 
 
 def _events(way: Array) -> list[tuple[int, str]]:

@@ -1,0 +1,258 @@
+"""What `trend` found, for programs and people: trend.json of contract section 4b, trend.csv, a page with a lane a quantity."""
+
+import csv
+import io
+import math
+from typing import Any
+
+import numpy as np
+
+from observer_fi.records import Array
+from observer_fi.report.chart import INK, MUTED, Figure, padded
+from observer_fi.report.diagnosis import environment, json_text, versions
+from observer_fi.trend import CHANGED, NOT_TESTED, UNCHANGED, Finding, Judged, Trend, in_words
+
+SCHEMA = "observer-fi/trend/1"
+COLOURS = {UNCHANGED: "#3d6fa8", CHANGED: "#b3261e", NOT_TESTED: "#8a929b"}
+LANES = 12  # shown at once; the others stand below, folded
+WIDTH, LANE, LEFT = 1040.0, 118.0, 84.0
+
+
+def trend_files(found: Trend, name: str, bad: list[str]) -> dict[str, str]:
+    """Everything that one trend consists of, {file name: text}. bad: one line per log that could not be read."""
+    return {
+        "trend.json": json_text(trend_json(found, bad)),
+        "trend.csv": trend_csv(found),
+        "trend.html": page(found, name, bad),
+    }
+
+
+# --- for programs -----------------------------------------------------------------------------------
+
+
+def trend_json(found: Trend, bad: list[str]) -> dict[str, Any]:
+    """Contract section 4b, and what it was made from."""
+    b = found.baseline
+    history = found.history
+    seen = [] if history is None else history.detectable.tolist()
+    return {
+        "schema": SCHEMA,
+        "false_alarm_rate": found.rate,
+        "baseline": {
+            "logs": len(b.reference.paths),
+            "from": found.baseline_from,
+            "limit": _plain(b.limit),
+            "paths": list(b.reference.paths),
+            "parameters": {
+                n: {"value": _plain(v), "scatter": _plain(s), "unit": u}
+                for n, v, s, u in zip(b.names, b.coefficients[0], b.scatter, b.units, strict=True)
+            },
+        },
+        "ordered_by": found.ordered_by,
+        "logs": [_log(j) for j in found.logs],
+        "changes": [_change(f, found) for f in found.findings],
+        "ahead": [
+            {"name": a.name, "limit": a.limit, "reached": _plain(a.reached), "interval": [_plain(a.low), _plain(a.high)],
+             "unit": found.unit, "explanation": a.words}
+            for a in found.aheads
+        ],
+        "detectable": {n: {"step": _plain(d), "unit": u} for n, d, u in zip(b.names, seen, b.units, strict=False)},
+        "unreadable": bad,
+        "versions": versions(),
+    }  # fmt: skip
+
+
+def _log(j: Judged) -> dict[str, Any]:
+    d = j.digest
+    std = np.sqrt(np.maximum(np.diag(d.covariance), 0.0))
+    return {
+        "path": d.path,
+        "time": d.time,
+        "verdict": j.verdict,
+        "score": _plain(j.score),
+        "reason": j.reason,
+        "notes": [*d.notes, *j.notes],
+        "conditions": {n: _plain(v) for n, v in d.conditions.items()},
+        "parameters": {
+            n: {"value": _plain(v), "std": _plain(s), "unit": u}
+            for n, v, s, u in zip(d.names, d.value, std, d.units, strict=True)
+        },
+        "changed": [
+            {"name": m.name, "cause": m.cause, "from": _plain(m.before), "to": _plain(m.after), "std": _plain(m.std), "unit": m.unit}
+            for m in j.changed
+        ],
+        "causes": [{"cause": c.cause, "equation": c.equation, "rivals": list(c.rivals)} for c in j.causes],
+    }  # fmt: skip
+
+
+def _change(f: Finding, found: Trend) -> dict[str, Any]:
+    return {
+        "kind": f.kind, "since": found.paths[f.row], "since_interval": [found.paths[f.low], found.paths[f.high]],
+        "cause": f.cause, "equation": f.equation, "name": f.name, "size": _plain(f.size), "std": _plain(f.std),
+        "unit": f.unit, "from": _plain(f.before), "rivals": list(f.rivals), "shown_by": list(f.names),
+        "explanation": f.words,
+    }  # fmt: skip
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def trend_csv(found: Trend) -> str:
+    """One row a log: verdict, score, and every quantity with its standard error."""
+    names = list(dict.fromkeys(n for j in found.logs for n in j.digest.names))
+    units = {n: u for j in found.logs for n, u in zip(j.digest.names, j.digest.units, strict=True)}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    heads = [f"{n} [{units[n]}]" for n in names]
+    writer.writerow(["path", "time", "verdict", "score", *(c for h in heads for c in (h, f"{h} std"))])
+    for j in found.logs:
+        d = j.digest
+        std = np.sqrt(np.maximum(np.diag(d.covariance), 0.0))
+        at = {n: (v, s) for n, v, s in zip(d.names, d.value.tolist(), std.tolist(), strict=True)}
+        cells = [f"{x:.8g}" for n in names for x in at.get(n, (math.nan, math.nan))]
+        writer.writerow(
+            [d.path, d.time, j.verdict, f"{j.score:.4g}", *("" if c == "nan" else c for c in cells)]
+        )
+    return text.getvalue()
+
+
+# --- for people -------------------------------------------------------------------------------------
+
+
+def headline(found: Trend) -> str:
+    """The life in one line."""
+    tested = [j for j in found.logs if j.verdict != NOT_TESTED]
+    changed = sum(j.verdict == CHANGED for j in tested)
+    untested = len(found.logs) - len(tested)
+    rest = f", {untested} not tested" if untested else ""
+    if found.findings:
+        return f"{'; '.join(f.words for f in found.findings)} ({changed} of {len(tested)} logs changed{rest})"
+    what = (
+        f"{changed} of {len(tested)} logs changed" if changed else f"none of {len(tested)} logs has changed"
+    )
+    return f"{what}{rest}"
+
+
+def page(found: Trend, name: str, bad: list[str]) -> str:
+    """trend.html: one file, no network, the same bytes for the same logs."""
+    order = _lane_order(found)
+    return (
+        environment()
+        .get_template("trend.html")
+        .render(
+            found=found, name=name, bad=bad, lanes=lanes(found, order[:LANES], "lanes"),
+            folded=lanes(found, order[LANES:], "folded") if len(order) > LANES else "", score=score_figure(found),
+            counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
+            colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=_size,
+            short=lambda path: path.replace("\\\\", "/").rpartition("/")[2],
+        )
+    )  # fmt: skip
+
+
+def _size(value: float, unit: str) -> str:
+    """A value with its unit, in three digits."""
+    return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _least(found: Trend) -> list[tuple[str, float, float, str]]:
+    """Name, usual value, the step that would have been seen by now, and unit of every quantity."""
+    if found.history is None:
+        return []
+    b = found.baseline
+    return [
+        (n, float(v), float(d), u)
+        for n, v, d, u in zip(b.names, b.coefficients[0], found.history.detectable, b.units, strict=True)
+        if math.isfinite(d)
+    ]
+
+
+def _lane_order(found: Trend) -> list[int]:
+    """Rows of the quantities: those of changes first, then by how far they went."""
+    names = found.baseline.names
+    first = [names.index(n) for f in found.findings for n in f.names]
+    first += [names.index(m.name) for j in found.logs for m in j.changed]
+    return list(dict.fromkeys([*first, *range(len(names))]))
+
+
+def _places(found: Trend) -> tuple[Array, str]:
+    """Where along the axis the logs stand, and its label."""
+    if found.history is not None:
+        return found.times, f"{found.unit} since the first"
+    return np.arange(len(found.table.paths), dtype=float), "logs"
+
+
+def lanes(found: Trend, rows: list[int], name: str) -> str:
+    """A lane a quantity: each log as a dot without what its conditions do, the fitted level, the healthy band, changes marked."""
+    times, label = _places(found)
+    values, level = _lane_values(found)
+    height = LANE * max(len(rows), 1) + 46.0
+    figure = Figure(name, WIDTH, height, "Every quantity over the logs")
+    colours = _colours(found)
+    for k, row in enumerate(rows):
+        scatter, middle = (
+            found.baseline.limit_of * found.baseline.scatter[row],
+            found.baseline.coefficients[0, row],
+        )
+        top = 26.0 + LANE * k
+        y = padded(values[:, row], np.array([middle - 0.5 * scatter, middle + 0.5 * scatter]), pad=0.12)
+        panel = figure.panel(
+            LEFT, top, WIDTH - LEFT - 20.0, LANE - 48.0, padded(times, least=1.0, pad=0.02), y
+        )
+        unit = found.baseline.units[row]
+        title = f"{in_words(found.baseline.names[row])}{'' if unit == '1' else f' [{unit}]'} ({found.baseline.names[row]})"
+        panel.frame(x_label=label if k == len(rows) - 1 else "", y_label=title, x_ticks=k == len(rows) - 1)
+        both = np.array([panel.x[0], panel.x[1]])
+        panel.ribbon(both, np.full(2, middle - scatter), np.full(2, middle + scatter), "#9fb4c9", 0.22)
+        panel.line(times, level[:, row], INK, 1.2)
+        for verdict, colour in COLOURS.items():
+            here = colours == verdict
+            panel.points(times[here], values[here, row], colour, 4.0, 0.85)
+        for f in found.findings:
+            if found.baseline.names[row] in f.names:
+                panel.moment(
+                    float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED], "4 3"
+                )
+    return figure.svg()
+
+
+def _lane_values(found: Trend) -> tuple[Array, Array]:
+    """Values and fitted levels (n, k) that the lanes show."""
+    if found.history is not None:
+        return found.history.value, found.history.level
+    columns = [found.table.names.index(n) if n in found.table.names else -1 for n in found.baseline.names]
+    values = np.column_stack(
+        [found.table.value[:, c] if c >= 0 else np.full(len(found.table.paths), np.nan) for c in columns]
+    )
+    return values, np.full_like(values, np.nan)
+
+
+def _colours(found: Trend) -> Array:
+    """Verdict of every log of the lanes; the baseline's own have none and count as unchanged."""
+    verdicts = {j.digest.path: j.verdict for j in found.logs}
+    paths = found.paths if found.history is not None else found.table.paths
+    return np.array([verdicts.get(path, UNCHANGED) for path in paths])
+
+
+def score_figure(found: Trend) -> str:
+    """The score of every log against the limit."""
+    judged = [j for j in found.logs if j.verdict != NOT_TESTED]
+    figure = Figure("score", WIDTH, 190.0, "Distance of every log from the baseline")
+    if not judged:
+        return figure.svg()
+    y = np.array([j.score for j in judged])
+    x = np.arange(y.size, dtype=float)
+    panel = figure.panel(
+        LEFT,
+        26.0,
+        WIDTH - LEFT - 20.0,
+        110.0,
+        padded(x, least=1.0, pad=0.02),
+        padded(y, np.array([0.0, 1.1 * found.baseline.limit])),
+    )
+    panel.frame(x_label="logs in order", y_label="score")
+    panel.level(found.baseline.limit, MUTED, "4 3", f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
+    for verdict in (UNCHANGED, CHANGED):
+        here = np.array([j.verdict == verdict for j in judged])
+        panel.points(x[here], y[here], COLOURS[verdict], 4.0, 0.85)
+    return figure.svg()

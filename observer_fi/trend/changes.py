@@ -1,0 +1,234 @@
+"""What changed since when: steps and drifts of each quantity over the logs, told from outliers and from conditions.
+
+Each quantity is regressed on the conditions of its logs; a step or a ramp that begins at any log is one column more. The
+t value of the best one is held against Student's t at the false-alarm rate shared by all quantities, logs and both kinds.
+Quantities that change at the same log and in the same way are one change, and named together.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from observer_fi.records import Array
+from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
+from observer_fi.trend.table import Table, regressors
+
+STEP, DRIFT = "step", "drift"
+FEWEST_BEFORE, FEWEST_AFTER = 3, 2  # logs on either side of a change
+OUTLIER = 3.5  # robust standard deviations: farther from its neighbours, a log counts as this far
+MOST_CHANGES = 6
+MOST_PLACES = 200  # at which a change is looked for first
+TOGETHER = 9.0  # squared t value that a quantity may lose where it is given another's time
+MOST_CORRELATED = 0.8
+
+
+class Change(NamedTuple):
+    """One change of several quantities: kind, row of the first log, and for each of the k quantities its size up to the last
+    log, standard error, and t value; `shows` (k,) which of them have changed. rate: per unit of time, of a drift.
+    """
+
+    kind: str
+    since: int
+    size: Array
+    std: Array
+    t: Array
+    shows: Array
+    low: int
+    high: int
+
+
+@dataclass(frozen=True)
+class History:
+    """All quantities over all logs. n logs in order, k quantities.
+
+    time (n,); level (n, k): fitted mean without what conditions do; value (n, k) the same with each log's own departure; std
+    (k,) scatter of a log; changes; detectable (k,): the step in the middle of the logs that would just have been seen.
+    """
+
+    time: Array
+    level: Array
+    value: Array
+    std: Array
+    changes: tuple[Change, ...]
+    detectable: Array
+
+
+def history_of(table: Table, baseline: Baseline, time: Array, rate: float) -> History:
+    """Changes over the logs of a table in their order. time (n,): of each log, rising; rate: of a false change in all of it."""
+    names = baseline.names
+    columns = [table.names.index(n) for n in names]
+    y = table.value[:, columns]
+    X = regressors(table, baseline.reference)[1]
+    n, k = y.shape
+    scale = np.maximum(baseline.scatter, 1e-300)
+    work = np.where(np.isfinite(y), y, np.nan) / scale
+    changes: list[Change] = []
+    extra = np.zeros((n, 0))
+    for _ in range(MOST_CHANGES):
+        found = _next(work, np.column_stack([X, extra]), time, rate, k)
+        if found is None:
+            break
+        changes.append(found)
+        extra = np.column_stack([extra, _column(found.kind, found.since, time)])
+    fit = _fitted(work, np.column_stack([X, extra]))
+    changes = [_with_size(c, j, fit, X.shape[1], time, scale) for j, c in enumerate(changes)]
+    shift = extra @ fit.coefficients[X.shape[1] :] if changes else np.zeros((n, k))
+    centre = baseline.coefficients[0] / scale
+    level = (centre + shift) * scale
+    std = fit.sigma * scale
+    return History(
+        time, level, level + fit.residual * scale, std, tuple(changes), _detectable(fit, n, k, rate) * std
+    )
+
+
+class _Fit(NamedTuple):
+    """Regression of k quantities: coefficients (c, k), their standard errors, residual (n, k), sigma (k,), freedom (k,)."""
+
+    coefficients: Array
+    error: Array
+    residual: Array
+    sigma: Array
+    freedom: Array
+
+
+def _fitted(work: Array, X: Array) -> _Fit:
+    n, k = work.shape
+    coefficients, error = np.zeros((X.shape[1], k)), np.full((X.shape[1], k), np.inf)
+    residual, sigma, freedom = np.full((n, k), np.nan), np.ones(k), np.ones(k)
+    for j in range(k):
+        known = np.isfinite(work[:, j])
+        if known.sum() < X.shape[1] + 2:
+            continue
+        G, y = X[known], work[known, j]
+        inverse = np.linalg.pinv(G.T @ G)
+        b = inverse @ G.T @ y
+        r = y - G @ b
+        usual = 1.4826 * float(np.median(np.abs(r))) + 1e-12
+        b = inverse @ G.T @ (G @ b + np.clip(r, -OUTLIER * usual, OUTLIER * usual))
+        r = y - G @ b
+        calm = np.clip(r, -OUTLIER * usual, OUTLIER * usual)
+        freedom[j] = max(known.sum() - np.linalg.matrix_rank(G), 1)
+        sigma[j] = math.sqrt(float(calm @ calm) / freedom[j]) * _correlated(calm)
+        coefficients[:, j], residual[known, j] = b, r
+        error[:, j] = sigma[j] * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    return _Fit(coefficients, error, residual, sigma, freedom)
+
+
+def _correlated(r: Array) -> float:
+    """By how much neighbouring logs that are alike widen the error of a mean."""
+    total = float(r @ r)
+    rho = float(r[1:] @ r[:-1]) / total if total > 0.0 else 0.0
+    rho = min(max(rho - 1.0 / math.sqrt(r.size), 0.0), MOST_CORRELATED)
+    return math.sqrt((1.0 + rho) / (1.0 - rho))
+
+
+def _column(kind: str, since: int, time: Array) -> Array:
+    after = np.arange(time.size) >= since
+    if kind == STEP:
+        return after.astype(float)
+    begin = time[since - 1]
+    return np.where(after, time - begin, 0.0) / max(float(time[-1] - begin), 1e-300)
+
+
+def _places(n: int) -> Array:
+    places = np.arange(FEWEST_BEFORE, n - FEWEST_AFTER + 1)
+    return (
+        places
+        if places.size <= MOST_PLACES
+        else np.unique(np.linspace(places[0], places[-1], MOST_PLACES).astype(int))
+    )
+
+
+def _next(work: Array, X: Array, time: Array, rate: float, quantities: int) -> Change | None:
+    """The clearest change that is left, None where no one exceeds what chance allows."""
+    n = time.size
+    places = _places(n)
+    if not places.size:
+        return None
+    kinds = [(kind, int(p)) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
+    t = _t_values(work, X, np.column_stack([_column(kind, p, time) for kind, p in kinds]))
+    allowed = _allowed(
+        rate,
+        quantities,
+        n,
+        np.array([np.isfinite(work[:, j]).sum() - X.shape[1] - 1 for j in range(quantities)]),
+    )
+    over = np.abs(t) / allowed
+    best, j = np.unravel_index(int(np.nanargmax(over)), over.shape)
+    if over[best, j] <= 1.0:
+        return None
+    kind = kinds[best][0]
+    same = np.array([k for k, (other, _) in enumerate(kinds) if other == kind])
+    alike = np.abs(t[:, j]) ** 2 > np.abs(t[best, j]) ** 2 - 4.0
+    near = [kinds[k][1] for k in same if alike[k]]
+    shows = (over[best] > 1.0) | (
+        (np.nanmax(over[same], axis=0) > 1.0) & (t[best] ** 2 > np.nanmax(t[same] ** 2, axis=0) - TOGETHER)
+    )
+    since = _shared(t, kinds, kind, shows, kinds[best][1])
+    nothing = np.zeros(quantities)
+    return Change(kind, since, nothing, nothing, t[best], shows, min(near), max(near))
+
+
+def _shared(t: Array, kinds: list[tuple[str, int]], kind: str, shows: Array, first: int) -> int:
+    """The log at which all quantities that changed together fit best."""
+    rows = [k for k, (other, p) in enumerate(kinds) if other == kind and abs(p - first) <= 5]
+    total = np.sum(np.minimum(t[rows][:, shows] ** 2, 400.0), axis=1)
+    return kinds[rows[int(np.argmax(total))]][1]
+
+
+def _t_values(work: Array, X: Array, columns: Array) -> Array:
+    """(m, k) t value of each of m columns (n, m), one at a time beside X, for every quantity; 0 where it cannot be told."""
+    found = np.zeros((columns.shape[1], work.shape[1]))
+    for j in range(work.shape[1]):
+        known = np.isfinite(work[:, j])
+        freedom = int(known.sum()) - X.shape[1] - 1
+        if freedom < 1:
+            continue
+        Q = np.linalg.qr(X[known])[0]
+        r = work[known, j] - Q @ (Q.T @ work[known, j])
+        usual = 1.4826 * float(np.median(np.abs(r))) + 1e-12
+        r = np.clip(r, -2.0 * OUTLIER * usual, 2.0 * OUTLIER * usual)
+        C = columns[known] - Q @ (Q.T @ columns[known])
+        square = np.sum(C**2, axis=0)
+        told = square > 1e-6 * np.maximum(np.sum(columns[known] ** 2, axis=0), 1e-300)
+        size = np.where(told, C.T @ r / np.maximum(square, 1e-300), 0.0)
+        left = r[:, None] - C * size
+        total = np.sum(left**2, axis=0)
+        rho = np.sum(left[1:] * left[:-1], axis=0) / np.maximum(total, 1e-300)
+        rho = np.clip(rho - 1.0 / math.sqrt(r.size), 0.0, MOST_CORRELATED)
+        error = np.sqrt(total / freedom / np.maximum(square, 1e-300) * (1.0 + rho) / (1.0 - rho))
+        found[told, j] = size[told] / np.maximum(error[told], 1e-300)
+    return found
+
+
+def _allowed(rate: float, quantities: int, n: int, freedom: Array) -> Array:
+    """(k,) t value that chance exceeds with a probability of `rate` in all quantities, places and both kinds."""
+    tries = quantities * max(n - FEWEST_BEFORE - FEWEST_AFTER, 1)
+    return np.asarray(stats.t.isf(0.5 * rate / tries, np.maximum(freedom, 1)))
+
+
+def _with_size(c: Change, j: int, fit: _Fit, at: int, time: Array, scale: Array) -> Change:
+    """The change with sizes from the fit of all changes together: up to the last log."""
+    size, std = fit.coefficients[at + j] * scale, fit.error[at + j] * scale
+    return c._replace(size=size, std=std, t=np.where(std > 0.0, size / std, 0.0))
+
+
+def _detectable(fit: _Fit, n: int, k: int, rate: float) -> Array:
+    """(k,) standard deviations that a step in the middle of the logs would have to have to be seen, one time in two."""
+    return _allowed(rate, k, n, fit.freedom) * math.sqrt(4.0 / max(n, 4))
+
+
+def as_departure(change: Change, baseline: Baseline, level: Array) -> Departure:
+    """The change as a departure from what was before, for its naming: quantities that show it, the others as far as they moved."""
+    which = np.flatnonzero(np.isfinite(change.std) & (change.std > 0.0))
+    before = level[change.since - 1, which]
+    z = change.size[which] / change.std[which]
+    full = np.zeros(len(baseline.names))
+    full[which] = z
+    distance = {
+        g: float(full[r] @ full[r]) / r.size for g, r in groups_of(baseline.names).items() if g != ALL
+    }
+    return Departure(which, before, before + change.size[which], change.std[which], z, distance)

@@ -1,0 +1,249 @@
+"""An actuator's life from its logs: digests in, what changed out."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.errors import UsageError
+from observer_fi.physics import Rig
+from observer_fi.records import Array
+from observer_fi.trend.ahead import Ahead, ahead
+from observer_fi.trend.baseline import Baseline, Departure, departure, learn, outside, score_of
+from observer_fi.trend.changes import Change, History, as_departure, history_of
+from observer_fi.trend.digests import Digest
+from observer_fi.trend.kinds import in_words, kind_of
+from observer_fi.trend.naming import Named, named, ratio_words
+from observer_fi.trend.order import ordered
+from observer_fi.trend.rig_baseline import from_rig
+from observer_fi.trend.table import Table, periods_of, table_of
+
+UNCHANGED, CHANGED, NOT_TESTED = "unchanged", "changed", "not_tested"
+FIRST_SHARE, FIRST_LEAST, FIRST_MOST = (
+    3,
+    8,
+    20,
+)  # a baseline that nobody gave: the first third, but 8 to 20 logs
+FEWEST_FOR_HISTORY = 8
+TOO_WIDE = 5.0  # times the usual scatter: conditions so far from the baseline's that a log says nothing
+ALIASES = {"friction": "A", "delay": "input_delay", "play": "backlash"}
+
+
+class Moved(NamedTuple):
+    """One quantity of a changed log: name, cause, from what to what, standard error of the difference, unit."""
+
+    name: str
+    cause: str
+    before: float
+    after: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One log: its digest, verdict, score, and what moved; reason: why it was not tested; notes: on its conditions."""
+
+    digest: Digest
+    verdict: str
+    score: float
+    changed: tuple[Moved, ...]
+    causes: tuple[Named, ...]
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+
+
+class Finding(NamedTuple):
+    """One change over the logs, named. row: of its first log in the history; size up to the last log, std, in unit; before: level
+    until then; names: of all quantities that show it; low, high: rows between which it began.
+    """
+
+    kind: str
+    row: int
+    cause: str
+    equation: str
+    name: str
+    size: float
+    std: float
+    unit: str
+    before: float
+    rivals: tuple[str, ...]
+    names: tuple[str, ...]
+    low: int
+    high: int
+    words: str
+
+
+@dataclass(frozen=True)
+class Trend:
+    """What changed. logs in order, the baseline's own not among them where they were given apart; history: of all logs, with
+    `paths` in its order, None where they are too few. ordered_by, unit: of the times. baseline_from: in words.
+    """
+
+    rate: float
+    baseline: Baseline
+    baseline_from: str
+    logs: tuple[Judged, ...]
+    table: Table
+    paths: tuple[str, ...]
+    times: Array
+    history: History | None
+    findings: tuple[Finding, ...]
+    aheads: tuple[Ahead, ...]
+    ordered_by: str
+    unit: str
+    periods: tuple[float, ...]
+
+
+def trend(
+    logs: Sequence[Digest], rig: Rig, rate: float, healthy: Sequence[Digest] = (), baseline_rig: Rig | None = None,
+    limits: Mapping[str, float] | None = None, calibration: Sequence[Digest] = (),
+) -> Trend:  # fmt: skip
+    """What changed between logs of one actuator and a baseline: healthy logs, a rig file, or the first of the logs.
+
+    rate: false alarms per log, and of a false change in the whole history. calibration: further healthy logs that set the limit
+    alone. Raises UsageError where no baseline can be made.
+    """
+    told = [d for d in logs if d.names]
+    mine, times, by, unit = ordered(told)
+    before = [d for d in ordered(list(healthy))[0] if d.names]
+    if healthy:
+        source, text = before, f"{len(before)} logs given as healthy"
+    elif baseline_rig is not None:
+        source, text = (
+            mine,
+            f"the constants of rig {baseline_rig.name}, with the scatter that neighbouring logs have",
+        )
+    else:
+        source = mine[: max(FIRST_LEAST, min(FIRST_MOST, len(mine) // FIRST_SHARE))]
+        text = f"the first {len(source)} logs, as no baseline was given"
+    if not source:
+        reason = next((f"{d.path}: {r}" for d in (*healthy, *logs) for r in d.missing.values()), "no logs")
+        raise UsageError(f"no log tells anything that a baseline could be made of ({reason})")
+    periods = periods_of(source, rig)
+    reference = table_of(source, periods)
+    if baseline_rig is not None and not healthy:
+        baseline = from_rig(reference, baseline_rig, rate)
+    else:
+        baseline = learn(reference, rate, table_of(calibration, periods) if calibration else None)
+    known = _known_periods(rig)
+    table = table_of(mine, periods)
+    judged = [_judge(d, baseline, table, row, known) for row, d in enumerate(mine)]
+    silent = [
+        Judged(d, NOT_TESTED, 0.0, (), (), next(iter(d.missing.values()), "")) for d in logs if not d.names
+    ]
+    every, all_times, by, unit = (
+        (mine, times, by, unit) if not healthy else ordered([*before, *_others(mine, before)])
+    )
+    history, findings, aheads = _over_time(
+        every, all_times, periods, baseline, rate, known, limits or {}, unit
+    )
+    return Trend(
+        rate, baseline, text, (*judged, *silent), table, tuple(d.path for d in every), all_times, history, findings,
+        aheads, by, unit, periods,
+    )  # fmt: skip
+
+
+def _others(mine: Sequence[Digest], before: Sequence[Digest]) -> list[Digest]:
+    known = {(d.path, d.sha256) for d in before}
+    return [d for d in mine if (d.path, d.sha256) not in known]
+
+
+def _known_periods(rig: Rig) -> dict[str, float]:
+    """Periods along the travel [m] of what turns, where the rig tells them."""
+    found = {}
+    if "screw_lead" in rig.quantities:
+        found["screw_ripple"] = rig.quantities["screw_lead"].value
+        found["shaft_ripple"] = 2.0 * math.pi * rig.model["D"]
+    return found
+
+
+# --- one log ----------------------------------------------------------------------------------------
+
+
+def _judge(
+    digest: Digest, baseline: Baseline, table: Table, row: int, periods: Mapping[str, float]
+) -> Judged:
+    found = departure(baseline, table, row)
+    notes = outside(baseline, table, row)
+    if not found.which.size:
+        return Judged(digest, NOT_TESTED, 0.0, (), (), "tells nothing that the baseline's logs tell", notes)
+    score = score_of(baseline, found)
+    if score <= baseline.limit:
+        wide = float(np.median(found.std / baseline.scatter[found.which])) > TOO_WIDE
+        reason = (
+            f"{notes[0]}; healthy logs there are needed"
+            if notes
+            else "its own noise hides what it could tell"
+        )
+        return Judged(digest, NOT_TESTED if wide else UNCHANGED, score, (), (), reason if wide else "", notes)
+    causes = named(baseline, found, periods)
+    moved = tuple(_moved(baseline, found, k, cause) for cause in causes for k in cause.rows)
+    return Judged(digest, CHANGED, score, moved, causes, "", notes)
+
+
+def _moved(baseline: Baseline, found: Departure, k: int, cause: Named) -> Moved:
+    at = found.which[k]
+    values = (float(found.expected[k]), float(found.found[k]), float(found.std[k]))
+    return Moved(baseline.names[at], cause.cause, *values, baseline.units[at])
+
+
+# --- over the logs ----------------------------------------------------------------------------------
+
+
+def _over_time(
+    every: Sequence[Digest], times: Array, periods: Sequence[float], baseline: Baseline, rate: float,
+    known: Mapping[str, float], limits: Mapping[str, float], unit: str,
+) -> tuple[History | None, tuple[Finding, ...], tuple[Ahead, ...]]:  # fmt: skip
+    names = {ALIASES.get(n, n): v for n, v in limits.items()}
+    for name in names:
+        if name not in baseline.names:
+            raise UsageError(
+                f"--limit {name}: these logs do not tell it (they tell {', '.join(baseline.names)})"
+            )
+    if len(every) < FEWEST_FOR_HISTORY:
+        return None, (), ()
+    history = history_of(table_of(every, periods), baseline, times, rate)
+    paths = [d.path for d in every]
+    findings = [f for c in history.changes for f in _findings(c, baseline, history, paths, known)]
+    aheads = tuple(ahead(n, v, baseline, history, unit) for n, v in names.items())
+    return history, tuple(sorted(findings, key=lambda f: f.row)), aheads
+
+
+def _findings(
+    c: Change, baseline: Baseline, history: History, paths: Sequence[str], known: Mapping[str, float]
+) -> list[Finding]:
+    """What one change is called: a finding a cause, each with the quantity that shows it most clearly."""
+    found = as_departure(c, baseline, history.level)
+    shown = {int(at) for at in np.flatnonzero(c.shows)}
+    causes = [n for n in named(baseline, found, known) if shown & {int(found.which[k]) for k in n.rows}]
+    result = []
+    for cause in causes:
+        rows = [k for k in cause.rows if int(found.which[k]) in shown]
+        k, at = rows[0], int(found.which[rows[0]])
+        size, std, before = (
+            float(found.found[k] - found.expected[k]),
+            float(found.std[k]),
+            float(found.expected[k]),
+        )
+        names = tuple(baseline.names[int(found.which[j])] for j in rows)
+        words = _words(c, baseline.names[at], baseline.units[at], size, std, before, paths)
+        result.append(Finding(
+            c.kind, c.since, cause.cause, cause.equation, baseline.names[at], size, std, baseline.units[at], before,
+            cause.rivals, names, c.low, c.high, words,
+        ))  # fmt: skip
+    return result
+
+
+def _words(
+    c: Change, name: str, unit: str, size: float, std: float, before: float, paths: Sequence[str]
+) -> str:
+    """One change in a sentence for a technician."""
+    percent = ratio_words(before + size, before, std) if unit != "1" else f"{100.0 * math.expm1(size):+.0f} %"
+    much = percent or f"{size:+.2g} {unit}"
+    how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[c.kind]
+    both = ", in both directions" if name == "A" else ""
+    doubt = kind_of(name).doubt
+    return f"{in_words(name)} {much}{both}, {how} {paths[c.since]}{': ' + doubt if doubt else ''}"

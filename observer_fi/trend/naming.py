@@ -1,0 +1,162 @@
+"""Which cause explains a departure from the baseline, and which others would.
+
+A cause moves one quantity, a group of them, or several in a fixed proportion (a current sensor whose gain has changed scales
+every torque). Causes are taken in turn by what they explain of the squared distance less the price of their free sizes.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.records import Array
+from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
+from observer_fi.trend.kinds import KINDS, kind_of
+from observer_fi.trend.table import period_of
+
+PRICE = 4.0  # of squared distance for each free size of a cause
+NEAR = 6.0  # a cause that explains less than the best by no more than this is a rival
+MOST_CAUSES = 4
+SHOWS = 2.0  # standard deviations from which on a quantity of a changed group is listed
+
+# Several quantities in proportion, relative to their values: what a gain of the current sensor does to what is read from torque.
+PROPORTIONS: dict[str, tuple[str, dict[str, float]]] = {
+    "current_gain": ("sensor:current", {"A": 1.0, "J": 1.0, "Kp": 1.0, "Ki": 1.0, "Rm": -1.0, "Rs": -1.0}),
+}
+
+# What else a fit without the cause gets wrong by it: told as part of it, not as causes of their own.
+SYMPTOMS = {"backlash": ("backlash", ("D", "position_lag", "misfit_position"))}
+MISFIT = "misfit"  # group of quantities that any cause moves which the constants do not know
+MISFITS = frozenset(kind.cause for kind in KINDS if kind.group == MISFIT)
+
+
+class Candidate(NamedTuple):
+    """A cause that may explain a departure: its direction matrix (m, f) over the departure's quantities, of which the first
+    `priced` are its own.
+    """
+
+    cause: str
+    equation: str
+    rivals: tuple[str, ...]
+    columns: Array
+    priced: int
+
+
+class Named(NamedTuple):
+    """A cause that was found: the quantities that show it (rows of the departure, the clearest first), and rivals."""
+
+    cause: str
+    equation: str
+    rows: tuple[int, ...]
+    rivals: tuple[str, ...]
+
+
+def named(
+    baseline: Baseline, found: Departure, periods: Mapping[str, float] | None = None
+) -> tuple[Named, ...]:
+    """The causes of a departure, the clearest first; at least one where there is any quantity."""
+    if not found.which.size:
+        return ()
+    names = [baseline.names[k] for k in found.which]
+    R = baseline.correlation[ALL][np.ix_(found.which, found.which)]
+    inverse = np.linalg.inv(R)
+    candidates = _candidates(names, found, periods or {})
+    chosen: list[Named] = []
+    taken = np.zeros((found.z.size, 0))
+    explained = 0.0
+    while len(chosen) < MOST_CAUSES:
+        gains = [
+            _explained(inverse, found.z, np.column_stack([taken, c.columns])) - explained for c in candidates
+        ]
+        worth = np.array([g - PRICE * c.priced for g, c in zip(gains, candidates, strict=True)])
+        worth[_only_symptoms(candidates, worth, bool(chosen), baseline.limit_of)] = -math.inf
+        best = int(np.argmax(worth))
+        if chosen and worth[best] < baseline.limit_of**2:
+            break
+        c = candidates[best]
+        rows = _rows(c, found)
+        close = [o.cause for o, w in zip(candidates, worth, strict=True) if worth[best] - w < NEAR]
+        rivals = tuple(dict.fromkeys(r for r in (*close, *c.rivals) if r != c.cause))
+        chosen.append(Named(c.cause, c.equation, rows, rivals))
+        taken = np.column_stack([taken, c.columns])
+        explained = _explained(inverse, found.z, taken)
+    return _merged(chosen)
+
+
+def _only_symptoms(
+    candidates: Sequence[Candidate], worth: Array, other: bool, limit: float
+) -> NDArray[np.bool_]:
+    """(c,) candidates that are a misfit where something with a name of its own has changed."""
+    misfit = np.array([c.cause in MISFITS and c.priced == 1 for c in candidates])
+    named = other or bool((worth[~misfit] > limit**2).any())
+    return misfit & named
+
+
+def _merged(chosen: Sequence[Named]) -> tuple[Named, ...]:
+    """Each cause once."""
+    found: dict[str, Named] = {}
+    for n in chosen:
+        old = found.get(n.cause)
+        rows = n.rows if old is None else tuple(dict.fromkeys((*old.rows, *n.rows)))
+        found[n.cause] = n._replace(rows=rows)
+    return tuple(found.values())
+
+
+def _rows(c: Candidate, found: Departure) -> tuple[int, ...]:
+    part = np.flatnonzero(np.abs(c.columns[:, : c.priced]).sum(axis=1) > 0.0)
+    order = part[np.argsort(-np.abs(found.z[part]))]
+    return tuple(int(k) for j, k in enumerate(order) if j == 0 or abs(found.z[k]) > SHOWS)
+
+
+def _candidates(names: Sequence[str], found: Departure, periods: Mapping[str, float]) -> list[Candidate]:
+    eye = np.eye(len(names))
+    many = []
+    for k, name in enumerate(names):
+        cause, equation, rivals = meaning(name, periods)
+        many.append(Candidate(cause, equation, rivals, eye[:, [k]], 1))
+    for name, others in SYMPTOMS.values():
+        if name in names:
+            cause, equation, rivals = meaning(name, periods)
+            rows = [names.index(n) for n in (name, *others) if n in names]
+            many.append(Candidate(cause, equation, rivals, eye[:, rows], 1))
+    for group, rows in groups_of(names).items():
+        if group not in (ALL, MISFIT) and rows.size > 1:
+            clearest = int(rows[np.argmax(np.abs(found.z[rows]))])
+            cause, equation, rivals = meaning(names[clearest], periods)
+            many.append(Candidate(cause, equation, rivals, eye[:, rows], int(rows.size)))
+    for cause, (equation, shares) in PROPORTIONS.items():
+        there = [k for k, name in enumerate(names) if name in shares]
+        if len(there) >= 3:
+            column = np.zeros((len(names), 1))
+            column[there, 0] = [shares[names[k]] * found.expected[k] / found.std[k] for k in there]
+            many.append(Candidate(cause, equation, (), column, 1))
+    return many
+
+
+def meaning(name: str, periods: Mapping[str, float]) -> tuple[str, str, tuple[str, ...]]:
+    """Cause, equation and rivals of a quantity; a ripple is the screw's, the shaft's or another's by its period."""
+    kind = kind_of(name)
+    if kind.group != "ripple":
+        return kind.cause, kind.equation, kind.rivals
+    period = period_of(name)
+    same = [cause for cause, p in periods.items() if abs(period / p - 1.0) < 0.02]
+    cause = same[0] if same else "screw_ripple" if "screw_ripple" not in periods else "gear_ripple"
+    every = ("screw_ripple", "shaft_ripple", "gear_ripple", "position_periodic_error")
+    return cause, kind.equation, tuple(r for r in every if r != cause)
+
+
+def _explained(inverse: Array, z: Array, columns: Array) -> float:
+    """Squared distance that the best combination of columns explains."""
+    weighted = columns.T @ inverse
+    size = np.linalg.lstsq(weighted @ columns, weighted @ z, rcond=1e-10)[0]
+    return float(size @ weighted @ z)
+
+
+def ratio_words(value: float, before: float, std: float) -> str:
+    """By how many per cent a quantity has changed, where that says something."""
+    if before == 0.0 or not math.isfinite(before) or abs(before) < 3.0 * std:
+        return ""
+    percent = 100.0 * (value / before - 1.0)
+    return f"{percent:+.2g} %" if abs(percent) < 10.0 else f"{percent:+.0f} %"
