@@ -34,9 +34,9 @@ if TYPE_CHECKING:
         improve_headline,
         improve_json,
     )
+    from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
     from observer_fi.report.trend_page import headline as trend_headline
     from observer_fi.report.trend_page import trend_files, trend_json
-    from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
 
 __all__ = [
     "Figure",

@@ -78,7 +78,8 @@ def _log(j: Judged) -> dict[str, Any]:
             for n, v, s, u in zip(d.names, d.value, std, d.units, strict=True)
         },
         "changed": [
-            {"name": m.name, "cause": m.cause, "from": _plain(m.before), "to": _plain(m.after), "std": _plain(m.std), "unit": m.unit}
+            {"name": m.name, "cause": m.cause, "from": _plain(m.before), "to": _plain(m.after), "std": _plain(m.std),
+             "unit": m.unit}
             for m in j.changed
         ],
         "causes": [{"cause": c.cause, "equation": c.equation, "rivals": list(c.rivals)} for c in j.causes],
@@ -190,30 +191,38 @@ def lanes(found: Trend, rows: list[int], name: str) -> str:
     figure = Figure(name, WIDTH, height, "Every quantity over the logs")
     colours = _colours(found)
     for k, row in enumerate(rows):
-        scatter, middle = (
-            found.baseline.limit_of * found.baseline.scatter[row],
-            found.baseline.coefficients[0, row],
-        )
+        unit, scale = _handy(found.baseline.units[row], values[:, row])
+        value, fitted = values[:, row] / scale, level[:, row] / scale
+        scatter = found.baseline.limit_of * found.baseline.scatter[row] / scale
+        middle = found.baseline.coefficients[0, row] / scale
         top = 26.0 + LANE * k
-        y = padded(values[:, row], np.array([middle - 0.5 * scatter, middle + 0.5 * scatter]), pad=0.12)
+        y = padded(value, np.array([middle - 0.5 * scatter, middle + 0.5 * scatter]), pad=0.12)
         panel = figure.panel(
             LEFT, top, WIDTH - LEFT - 20.0, LANE - 48.0, padded(times, least=1.0, pad=0.02), y
         )
-        unit = found.baseline.units[row]
-        title = f"{in_words(found.baseline.names[row])}{'' if unit == '1' else f' [{unit}]'} ({found.baseline.names[row]})"
+        title = f"{in_words(found.baseline.names[row])}{unit} ({found.baseline.names[row]})"
         panel.frame(x_label=label if k == len(rows) - 1 else "", y_label=title, x_ticks=k == len(rows) - 1)
         both = np.array([panel.x[0], panel.x[1]])
         panel.ribbon(both, np.full(2, middle - scatter), np.full(2, middle + scatter), "#9fb4c9", 0.22)
-        panel.line(times, level[:, row], INK, 1.2)
+        panel.line(times, fitted, INK, 1.2)
         for verdict, colour in COLOURS.items():
             here = colours == verdict
-            panel.points(times[here], values[here, row], colour, 4.0, 0.85)
+            panel.points(times[here], value[here], colour, 4.0, 0.85)
         for f in found.findings:
             if found.baseline.names[row] in f.names:
                 panel.moment(
                     float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED], "4 3"
                 )
     return figure.svg()
+
+
+def _handy(unit: str, values: Array) -> tuple[str, float]:
+    """The unit in brackets with a power of 1000 that makes these values handy, and that power."""
+    if unit == "1":
+        return "", 1.0
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    power = 3 * math.floor(math.log10(largest) / 3.0) if largest > 0.0 else 0
+    return (f" [{unit}]", 1.0) if power == 0 else (f" [1e{power} {unit}]", 10.0**power)
 
 
 def _lane_values(found: Trend) -> tuple[Array, Array]:

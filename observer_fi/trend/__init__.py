@@ -3,8 +3,8 @@
 from observer_fi.trend.baseline import Baseline, departure, learn, prediction_limit, score_of
 from observer_fi.trend.digests import Digest, from_plain, to_plain
 from observer_fi.trend.kinds import in_words, kind_of
-from observer_fi.trend.read import digest_of, rig_without_constants
 from observer_fi.trend.life import CHANGED, NOT_TESTED, UNCHANGED, Finding, Judged, Trend, trend
+from observer_fi.trend.read import digest_of, rig_without_constants
 
 __all__ = [
     "Baseline",

@@ -50,5 +50,6 @@ def ahead(name: str, limit: float, baseline: Baseline, history: History, unit: s
     share = (limit - start) / np.where(size == 0.0, 1e-300, size)  # of the drift so far
     when = np.where(share > 0.0, last + (share - 1.0) * lasted, np.inf)
     low, middle, high = (float(v) for v in np.quantile(when, (0.05, 0.5, 0.95)))
-    words = f"{name} reaches {limit:g} {middle - last:.3g} {unit} after the last log (90 %: {low - last:.3g} to {high - last:.3g})"
+    span = f"90 %: {low - last:.3g} to {high - last:.3g}"
+    words = f"{name} reaches {limit:g} {middle - last:.3g} {unit} after the last log ({span})"
     return Ahead(name, limit, middle, low, high, words)

@@ -5,8 +5,8 @@ which distance on a log has changed.
 
 c: 1 and the conditions (load, pitch, speed). A distance is that of Mahalanobis, with the correlation of S shrunk towards none
 (Schaefer and Strimmer 2005): of all quantities, and of each group that one cause moves together. How far healthy logs lie that
-the mean never saw is measured: blocks of the baseline are left out in turn. Fourth roots of these distances are near to normal
-(Hawkins and Wixley 1986); standardised, what is above zero is added in squares over the groups to the score of a log. Its
+the mean never saw is measured: blocks of the baseline are left out in turn. Cube roots of these distances are near to normal
+(Wilson and Hilferty 1931); standardised, what is above zero is added in squares over the groups to the score of a log. Its
 limit is a prediction limit of Student's t: with few logs it is far away, as it must be. docs/trend.md has the reasons.
 """
 
@@ -26,9 +26,9 @@ from observer_fi.trend.table import Table, regressors
 FEWEST = 4  # logs of a baseline
 BLOCKS = 7  # of neighbouring logs that are left out in turn
 PER_COEFFICIENT = 2  # logs for each condition that the baseline can tell
-ROOT = 0.25  # power of a distance that is near to normal
+ROOT = 1.0 / 3.0  # power of a distance that is near to normal
 ALL = "all"
-SHIFT = 3.0  # makes the logarithm of a score normal: 0.9 to 1.0 % exceed a limit of 1 % for baselines of 8 to 40 logs
+SHIFT = 4.0  # makes the logarithm of a score near to normal: of normal logs 1.4 % exceed a limit of 1 %, 0.2 % one of 0.1 %
 RIDGE = 0.03  # logs that say that a condition changes nothing: what two of them do together is shared
 WIDENING = 0.7  # prior standard deviation of the logarithm of a variance per usual departure of a condition
 MOST_OWN = 0.95  # of the scatter may be a log's own noise: a later log with less of it is not that much alike
@@ -42,10 +42,9 @@ class Baseline:
     coefficients (c, k) and leverage (c, c), whose quadratic form with a log's conditions is the share of the scatter that the
     mean's own error adds; scatter (k,) standard deviation from log to log, own noise included, excursions of healthy logs
     counted in; widening (c, k): the logarithm of its square per unit of each condition, for friction scatters more where it is
-    larger; noise (k,) the share of the scatter that is a typical log's own; correlation: of each group and of all quantities, shrunk;
-    freedom: degrees of it.
-    usual: of each group of quantities mean and standard deviation of the root of a healthy log's distance. limit: score beyond
-    which a log has changed; limit_of: what one quantity may differ by, in standard deviations. heldout: healthy scores.
+    larger; noise (k,) the share of the scatter that is a typical log's own; correlation: of each group and of all quantities,
+    shrunk; freedom: degrees of it. usual: of each group of quantities mean and standard deviation of the root of a healthy
+    log's distance. limit: score beyond which a log has changed; limit_of: what one quantity may differ by, in standard deviations. heldout: healthy scores.
     """
 
     reference: Table
@@ -81,8 +80,8 @@ class Departure:
 
 
 def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Baseline:
-    """The baseline of healthy logs. rate: false alarms per log. calibration: further healthy logs that set the limits in
-    place of those that are left out in turn.
+    """The baseline of healthy logs. rate: false alarms per log. calibration: further healthy logs that set the
+    limit in place of those that are left out in turn.
 
     Raises UsageError where they are too few.
     """
@@ -96,11 +95,11 @@ def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Base
         raise UsageError(
             f"{healthy.paths[0]}: no quantity is told by most of the baseline's logs; record moves in both directions"
         )
-    if calibration is None:
-        away = _left_out(healthy)
-    else:
-        away = [departure(fitted, calibration, k) for k in range(len(calibration.paths))]
-    return _with_limits(fitted, away, rate)
+    away = _left_out(healthy)
+    further = 0 if calibration is None else len(calibration.paths)
+    if calibration is not None:
+        away += [departure(fitted, calibration, k) for k in range(further)]
+    return _with_limits(fitted, away, rate, further or len(away))
 
 
 def score_of(baseline: Baseline, found: Departure) -> float:
@@ -113,8 +112,11 @@ def _roots(usual: dict[str, tuple[float, float]], distance: dict[str, float]) ->
     return {g: (d**ROOT - usual[g][0]) / usual[g][1] for g, d in distance.items() if g in usual}
 
 
-def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float) -> Baseline:
-    """The baseline with limits from healthy logs that its mean never saw, each judged by the spread of the others."""
+def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float, last: int) -> Baseline:
+    """The baseline with limits from healthy logs that its mean never saw, each judged by the spread of the others.
+
+    last: how many of them, from the end, set the limit of a log.
+    """
     groups = list(dict.fromkeys(g for d in away for g in d.distance))
     roots = np.array([[d.distance.get(g, np.nan) ** ROOT for g in groups] for d in away])
     scores = []
@@ -124,7 +126,7 @@ def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float) -> Ba
     single = np.concatenate([d.z for d in away if d.z.size])
     wider = max(1.0, float(np.sqrt(np.mean(np.minimum(single**2, 25.0)))))
     own = float(stats.t.isf(rate / (2 * len(fitted.names)), fitted.freedom))
-    limit = prediction_limit(np.array(scores), rate)
+    limit = prediction_limit(np.array(scores[-last:]), rate)
     usual = _usual(groups, roots)
     return replace(fitted, usual=usual, limit=limit, limit_of=own * wider, heldout=tuple(scores))
 
@@ -181,7 +183,7 @@ def _fit(healthy: Table) -> Baseline:
     scatter = std * np.maximum(1.0, np.abs(z).max(axis=0) / usual)
     own = np.sqrt(np.nanmedian(healthy.variance[:, kept], axis=0))
     return Baseline(
-        healthy, names_kept, tuple(healthy.units[k] for k in kept), B, inverse,
+        healthy, names_kept, tuple(healthy.units[k] for k in kept), B, np.asarray(inverse, dtype=float),
         scatter, widening, np.minimum(own / scatter, MOST_OWN), _correlations(names_kept, z, freedom), freedom, {},
     )  # fmt: skip
 
@@ -267,8 +269,8 @@ def departure(baseline: Baseline, table: Table, row: int) -> Departure:
 
 
 def _conditions(baseline: Baseline, one: Table) -> tuple[Array, Array, float]:
-    """(c,) regressors of a log in the baseline's order; by how much each lies outside what healthy logs had, where what it does is
-    doubted as a whole; and what conditions that the baseline never varied add to the variance, in that of the scatter.
+    """(c,) regressors of a log in the baseline's order; by how much each lies outside what healthy logs had, where what it
+    does is doubted as a whole; and what conditions that the baseline never varied add to the variance, in that of the scatter.
     """
     mine, x = regressors(one, baseline.reference)
     size = baseline.coefficients.shape[0]
@@ -293,7 +295,7 @@ UNITS = {
 
 
 def outside(baseline: Baseline, table: Table, row: int) -> tuple[str, ...]:
-    """Conditions of a log that lie outside what healthy logs had, in words: their effect is taken out with doubt, or not at all."""
+    """Conditions of a log that lie outside what healthy logs had, in words: what they do is taken out with doubt."""
     found = []
     for k, name in enumerate(baseline.reference.condition_names):
         if name not in table.condition_names:

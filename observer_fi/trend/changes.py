@@ -75,13 +75,13 @@ def history_of(table: Table, baseline: Baseline, time: Array, rate: float) -> Hi
         extra = np.column_stack([extra, _column(found.kind, found.since, time)])
     fit = _fitted(work, np.column_stack([X, extra]))
     changes = [_with_size(c, j, fit, X.shape[1], time, scale) for j, c in enumerate(changes)]
-    shift = extra @ fit.coefficients[X.shape[1] :] if changes else np.zeros((n, k))
-    centre = baseline.coefficients[0] / scale
-    level = (centre + shift) * scale
+    sizes = fit.coefficients[X.shape[1] :]
+    shown = np.array([c.shows for c in changes]) if changes else np.zeros((0, k), dtype=np.bool_)
+    centre = fit.coefficients[0]
+    level = (centre + extra @ np.where(shown, sizes, 0.0)) * scale
+    value = (centre + extra @ sizes + fit.residual) * scale
     std = fit.sigma * scale
-    return History(
-        time, level, level + fit.residual * scale, std, tuple(changes), _detectable(fit, n, k, rate) * std
-    )
+    return History(time, level, value, std, tuple(changes), _detectable(fit, n, k, rate) * std)
 
 
 class _Fit(NamedTuple):
@@ -133,22 +133,20 @@ def _column(kind: str, since: int, time: Array) -> Array:
     return np.where(after, time - begin, 0.0) / max(float(time[-1] - begin), 1e-300)
 
 
-def _places(n: int) -> Array:
-    places = np.arange(FEWEST_BEFORE, n - FEWEST_AFTER + 1)
-    return (
-        places
-        if places.size <= MOST_PLACES
-        else np.unique(np.linspace(places[0], places[-1], MOST_PLACES).astype(int))
-    )
+def _places(n: int) -> list[int]:
+    places = range(FEWEST_BEFORE, n - FEWEST_AFTER + 1)
+    if len(places) <= MOST_PLACES:
+        return list(places)
+    return sorted(set(np.linspace(places[0], places[-1], MOST_PLACES).astype(int).tolist()))
 
 
 def _next(work: Array, X: Array, time: Array, rate: float, quantities: int) -> Change | None:
     """The clearest change that is left, None where no one exceeds what chance allows."""
     n = time.size
     places = _places(n)
-    if not places.size:
+    if not places:
         return None
-    kinds = [(kind, int(p)) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
+    kinds = [(kind, p) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
     t = _t_values(work, X, np.column_stack([_column(kind, p, time) for kind, p in kinds]))
     allowed = _allowed(
         rate,
@@ -222,7 +220,7 @@ def _detectable(fit: _Fit, n: int, k: int, rate: float) -> Array:
 
 
 def as_departure(change: Change, baseline: Baseline, level: Array) -> Departure:
-    """The change as a departure from what was before, for its naming: quantities that show it, the others as far as they moved."""
+    """The change as a departure from what was before, for its naming."""
     which = np.flatnonzero(np.isfinite(change.std) & (change.std > 0.0))
     before = level[change.since - 1, which]
     z = change.size[which] / change.std[which]

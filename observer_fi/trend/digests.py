@@ -85,17 +85,19 @@ def from_plain(found: Mapping[str, Any]) -> Digest:
     """A digest from what `to_plain` wrote. Raises KeyError, TypeError or ValueError where it is not that."""
     if found["schema"] != SCHEMA:
         raise ValueError(f"schema {found['schema']!r}, expected {SCHEMA!r}")
-    curve = found["curve"]
     k = len(found["names"])
     return Digest(
         found["path"], found["sha256"], tuple(found["names"]), tuple(found["units"]),
         np.array(found["value"], dtype=float), np.array(found["covariance"], dtype=float).reshape(k, k),
-        dict(found["conditions"]), dict(found["missing"]), found["time"],
-        None if curve is None else Curve(
-            *(np.array(curve[name], dtype=float) for name in ("x", "torque", "way")), float(curve["step_s"])
-        ),
-        tuple(found["notes"]),
+        dict(found["conditions"]), dict(found["missing"]), found["time"], _curve(found["curve"]), tuple(found["notes"]),
     )  # fmt: skip
+
+
+def _curve(found: Mapping[str, Any] | None) -> Curve | None:
+    if found is None:
+        return None
+    x, torque, way = (np.array(found[name], dtype=float) for name in ("x", "torque", "way"))
+    return Curve(x, torque, way, float(found["step_s"]))
 
 
 def recorded_at(metadata: Sequence[str]) -> str:

@@ -61,7 +61,7 @@ def named(
         return ()
     names = [baseline.names[k] for k in found.which]
     R = baseline.correlation[ALL][np.ix_(found.which, found.which)]
-    inverse = np.linalg.inv(R)
+    inverse = np.asarray(np.linalg.inv(R), dtype=float)
     candidates = _candidates(names, found, periods or {})
     chosen: list[Named] = []
     taken = np.zeros((found.z.size, 0))
@@ -119,8 +119,8 @@ def _candidates(names: Sequence[str], found: Departure, periods: Mapping[str, fl
     for name, others in SYMPTOMS.values():
         if name in names:
             cause, equation, rivals = meaning(name, periods)
-            rows = [names.index(n) for n in (name, *others) if n in names]
-            many.append(Candidate(cause, equation, rivals, eye[:, rows], 1))
+            those = [names.index(n) for n in (name, *others) if n in names]
+            many.append(Candidate(cause, equation, rivals, eye[:, those], 1))
     for group, rows in groups_of(names).items():
         if group not in (ALL, MISFIT) and rows.size > 1:
             clearest = int(rows[np.argmax(np.abs(found.z[rows]))])
