@@ -120,7 +120,7 @@ def share(logs: Iterable[Judged]) -> float:
 
 
 def by_runs(cycles: list[Cycle]) -> list[Cycle]:
-    """Runs of five cycles as one log each: means of their digests, where they are of the same kind."""
+    """Runs of five cycles as one log each: means of their digests."""
     runs: dict[tuple[str, int, int], list[Cycle]] = {}
     for c in cycles:
         runs.setdefault((c.file, c.load, c.run), []).append(c)
@@ -217,9 +217,9 @@ def main() -> None:
 
 TEXT = """# What changed: real seeded faults, cycle by cycle
 
-Written by `pipelines/trend_cranfield.py`. A screw actuator with play, spalling and lack of lubricant made by hand (Ruiz-Carcel and
-Starr 2018), current and position 25 times a second, no constant known. Each cycle out and back is a log of its own. Healthy are
-runs 1 to 5 at three loads; the limit is set on runs 6 and 7 for false alarms of {rate}. Torques are in amperes.
+Written by `pipelines/trend_cranfield.py`. A screw actuator with play, spalling and lack of lubricant made by hand (Ruiz-Carcel
+and Starr 2018), current and position 25 times a second, no constant known. Each cycle out and back is a log of its own.
+Healthy are runs 1 to 5 at three loads; the limit is set on runs 6 and 7 for false alarms of {rate}. Torques are in amperes.
 
 {table}
 
@@ -227,8 +227,9 @@ runs 1 to 5 at three loads; the limit is set on runs 6 and 7 for false alarms of
 its limit is the quantile of runs 6 and 7, that is their largest distance.
 The share put down to a cause counts the first cause of each changed cycle.
 
-The vector has {quantities} quantities; ripple was found in the baseline at {periods} of travel. Healthy runs 1 to 7, each left out
-of mean and limits in turn, gave false alarms in: {left_out} cycles.
+The vector has {quantities} quantities; ripple was found at {periods} of travel.
+Healthy runs 1 to 7, each left out of mean and limits in turn, gave false alarms in:
+{left_out} cycles.
 """
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def trend_json(found: Trend, bad: list[str]) -> dict[str, Any]:
         "baseline": {
             "logs": len(b.reference.paths),
             "from": found.baseline_from,
-            "limit": _plain(b.limit),
+            "limit": 1.0,
             "paths": list(b.reference.paths),
             "parameters": {
                 n: {"value": _plain(v), "scatter": _plain(s), "unit": u}
@@ -257,10 +257,10 @@ def score_figure(found: Trend) -> str:
         WIDTH - LEFT - 20.0,
         110.0,
         padded(x, least=1.0, pad=0.02),
-        padded(y, np.array([0.0, 1.1 * found.baseline.limit])),
+        padded(y, np.array([0.0, 1.1])),
     )
     panel.frame(x_label="logs in order", y_label="score")
-    panel.level(found.baseline.limit, MUTED, "4 3", f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
+    panel.level(1.0, MUTED, "4 3", f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
     for verdict in (UNCHANGED, CHANGED):
         here = np.array([j.verdict == verdict for j in judged])
         panel.points(x[here], y[here], COLOURS[verdict], 4.0, 0.85)

@@ -1,6 +1,6 @@
 """What changed: an actuator's life from its logs. One log's quantities, a baseline of healthy logs, changes and their causes."""
 
-from observer_fi.trend.baseline import Baseline, departure, learn, prediction_limit, score_of
+from observer_fi.trend.baseline import Baseline, departure, learn, score_of
 from observer_fi.trend.digests import Digest, from_plain, to_plain
 from observer_fi.trend.kinds import in_words, kind_of
 from observer_fi.trend.life import CHANGED, NOT_TESTED, UNCHANGED, Finding, Judged, Trend, trend
@@ -21,7 +21,6 @@ __all__ = [
     "in_words",
     "kind_of",
     "learn",
-    "prediction_limit",
     "rig_without_constants",
     "score_of",
     "to_plain",

@@ -6,8 +6,8 @@ which distance on a log has changed.
 c: 1 and the conditions (load, pitch, speed). A distance is that of Mahalanobis, with the correlation of S shrunk towards none
 (Schaefer and Strimmer 2005): of all quantities, and of each group that one cause moves together. How far healthy logs lie that
 the mean never saw is measured: blocks of the baseline are left out in turn. Cube roots of these distances are near to normal
-(Wilson and Hilferty 1931); standardised, what is above zero is added in squares over the groups to the score of a log. Its
-limit is a prediction limit of Student's t: with few logs it is far away, as it must be. docs/trend.md has the reasons.
+(Wilson and Hilferty 1931); standardised, what is above zero is added in squares over the groups. Its limit is a prediction limit
+of Student's t: with few logs it is far away, as it must be; one quantity alone has its own. docs/trend.md has the reasons.
 """
 
 import math
@@ -28,7 +28,11 @@ BLOCKS = 7  # of neighbouring logs that are left out in turn
 PER_COEFFICIENT = 2  # logs for each condition that the baseline can tell
 ROOT = 1.0 / 3.0  # power of a distance that is near to normal
 ALL = "all"
-SHIFT = 4.0  # makes the logarithm of a score near to normal: of normal logs 1.4 % exceed a limit of 1 %, 0.2 % one of 0.1 %
+# Makes the logarithm of a score near to normal: of normal logs 1.4 % exceed a limit of 1 %, 0.2 % one of 0.1 %.
+SHIFT = 4.0
+SINGLE_SHARE = (
+    0.3  # of the false alarms are left to quantities that differ alone: few logs tell their limit well
+)
 RIDGE = 0.03  # logs that say that a condition changes nothing: what two of them do together is shared
 WIDENING = 0.7  # prior standard deviation of the logarithm of a variance per usual departure of a condition
 MOST_OWN = 0.95  # of the scatter may be a log's own noise: a later log with less of it is not that much alike
@@ -44,7 +48,8 @@ class Baseline:
     counted in; widening (c, k): the logarithm of its square per unit of each condition, for friction scatters more where it is
     larger; noise (k,) the share of the scatter that is a typical log's own; correlation: of each group and of all quantities,
     shrunk; freedom: degrees of it. usual: of each group of quantities mean and standard deviation of the root of a healthy
-    log's distance. limit: score beyond which a log has changed; limit_of: what one quantity may differ by, in standard deviations. heldout: healthy scores.
+    log's distance. limit: of what groups add up to; limit_of: what one quantity may differ by, in
+    standard deviations. heldout: healthy scores.
     """
 
     reference: Table
@@ -103,9 +108,14 @@ def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Base
 
 
 def score_of(baseline: Baseline, found: Departure) -> float:
-    """How far a log is, in standard deviations of healthy logs: groups farther than usual, added in squares."""
-    roots = _roots(baseline.usual, found.distance)
-    return math.sqrt(sum(max(u, 0.0) ** 2 for u in roots.values()))
+    """How far a log is from healthy ones, 1 being the limit: in all quantities together, or in one alone where that is more."""
+    single = float(np.abs(found.z).max(initial=0.0))
+    return max(_together(baseline.usual, found) / baseline.limit, single / baseline.limit_of)
+
+
+def _together(usual: dict[str, tuple[float, float]], found: Departure) -> float:
+    """Groups that are farther than usual, added in squares."""
+    return math.sqrt(sum(max(u, 0.0) ** 2 for u in _roots(usual, found.distance).values()))
 
 
 def _roots(usual: dict[str, tuple[float, float]], distance: dict[str, float]) -> dict[str, float]:
@@ -122,11 +132,11 @@ def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float, last:
     scores = []
     for k in range(len(away)):
         usual = _usual(groups, np.delete(roots, k, axis=0))
-        scores.append(score_of(replace(fitted, usual=usual), away[k]))
+        scores.append(_together(usual, away[k]))
     single = np.concatenate([d.z for d in away if d.z.size])
     wider = max(1.0, float(np.sqrt(np.mean(np.minimum(single**2, 25.0)))))
-    own = float(stats.t.isf(rate / (2 * len(fitted.names)), fitted.freedom))
-    limit = prediction_limit(np.array(scores[-last:]), rate)
+    own = float(stats.t.isf(SINGLE_SHARE * rate / (2 * len(fitted.names)), fitted.freedom))
+    limit = prediction_limit(np.array(scores[-last:]), (1.0 - SINGLE_SHARE) * rate)
     usual = _usual(groups, roots)
     return replace(fitted, usual=usual, limit=limit, limit_of=own * wider, heldout=tuple(scores))
 

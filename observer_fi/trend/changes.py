@@ -14,20 +14,24 @@ from scipy import stats
 
 from observer_fi.records import Array
 from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
-from observer_fi.trend.table import Table, regressors
+from observer_fi.trend.table import SIGNED, Table, regressors
 
 STEP, DRIFT = "step", "drift"
 FEWEST_BEFORE, FEWEST_AFTER = 3, 2  # logs on either side of a change
 OUTLIER = 3.5  # robust standard deviations: farther from its neighbours, a log counts as this far
 MOST_CHANGES = 6
+PER_CONDITION = 4  # logs after a change for each condition that it may depend on
 MOST_PLACES = 200  # at which a change is looked for first
 TOGETHER = 9.0  # squared t value that a quantity may lose where it is given another's time
 MOST_CORRELATED = 0.8
+NEARBY = 5  # logs by which quantities of one change may seem to change apart
+DRIFT_SHARE = 0.95  # of its t value a drift counts for: where both fit, it is a step
 
 
 class Change(NamedTuple):
     """One change of several quantities: kind, row of the first log, and for each of the k quantities its size up to the last
-    log, standard error, and t value; `shows` (k,) which of them have changed. rate: per unit of time, of a drift.
+    log, standard error, and t value; `shows` (k,) which of them have changed; low, high: rows between which it began. by: column
+    of the conditions whose effect has changed in place of the quantities themselves, 0 for none.
     """
 
     kind: str
@@ -38,6 +42,7 @@ class Change(NamedTuple):
     shows: Array
     low: int
     high: int
+    by: int = 0
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class History:
 
     time (n,); level (n, k): fitted mean without what conditions do; value (n, k) the same with each log's own departure; std
     (k,) scatter of a log; changes; detectable (k,): the step in the middle of the logs that would just have been seen.
+    conditions: name of each column, and by how much it rises per unit; slopes (c, k) of the quantities with these columns.
     """
 
     time: Array
@@ -54,10 +60,15 @@ class History:
     std: Array
     changes: tuple[Change, ...]
     detectable: Array
+    conditions: tuple[tuple[str, float], ...]
+    slopes: Array
 
 
-def history_of(table: Table, baseline: Baseline, time: Array, rate: float) -> History:
-    """Changes over the logs of a table in their order. time (n,): of each log, rising; rate: of a false change in all of it."""
+def history_of(table: Table, baseline: Baseline, time: Array, rate: float, healthy: int = 0) -> History:
+    """Changes over the logs of a table in their order. time (n,): of each log, rising; rate: of a false change in all of it.
+
+    healthy: how many logs at the beginning are known to be.
+    """
     names = baseline.names
     columns = [table.names.index(n) for n in names]
     y = table.value[:, columns]
@@ -65,23 +76,63 @@ def history_of(table: Table, baseline: Baseline, time: Array, rate: float) -> Hi
     n, k = y.shape
     scale = np.maximum(baseline.scatter, 1e-300)
     work = np.where(np.isfinite(y), y, np.nan) / scale
-    changes: list[Change] = []
-    extra = np.zeros((n, 0))
-    for _ in range(MOST_CHANGES):
-        found = _next(work, np.column_stack([X, extra]), time, rate, k)
-        if found is None:
-            break
-        changes.append(found)
-        extra = np.column_stack([extra, _column(found.kind, found.since, time)])
-    fit = _fitted(work, np.column_stack([X, extra]))
+    names_of = regressors(table, baseline.reference)[0]
+    signed = [c for c, name in enumerate(names_of) if name in SIGNED]
+    changes = _found(work, X, time, rate, healthy, signed)
+    mains, extra = _columns(changes, X, time)
+    fit = _fitted(work, np.column_stack([X, mains, extra]))
     changes = [_with_size(c, j, fit, X.shape[1], time, scale) for j, c in enumerate(changes)]
-    sizes = fit.coefficients[X.shape[1] :]
+    sizes = fit.coefficients[X.shape[1] : X.shape[1] + mains.shape[1]]
     shown = np.array([c.shows for c in changes]) if changes else np.zeros((0, k), dtype=np.bool_)
     centre = fit.coefficients[0]
-    level = (centre + extra @ np.where(shown, sizes, 0.0)) * scale
-    value = (centre + extra @ sizes + fit.residual) * scale
+    level = (centre + mains @ np.where(shown, sizes, 0.0)) * scale
+    value = (centre + mains @ sizes + fit.residual) * scale
     std = fit.sigma * scale
-    return History(time, level, value, std, tuple(changes), _detectable(fit, n, k, rate) * std)
+    return History(
+        time, level, value, std, tuple(changes), _detectable(fit, n, k, rate) * std, _scales(names_of, X, table),
+        fit.coefficients[: X.shape[1]] * scale,
+    )  # fmt: skip
+
+
+def _scales(names: tuple[str, ...], X: Array, table: Table) -> tuple[tuple[str, float], ...]:
+    """Of each column of conditions its name, and by how much it rises per unit of the condition."""
+    found = []
+    for c, name in enumerate(names):
+        raw = (
+            table.conditions[:, table.condition_names.index(name)]
+            if name in table.condition_names
+            else np.zeros(1)
+        )
+        span = float(np.nanmax(raw) - np.nanmin(raw))
+        found.append((name, float(np.ptp(X[:, c])) / span if span > 0.0 else 1.0))
+    return tuple(found)
+
+
+def _found(work: Array, X: Array, time: Array, rate: float, healthy: int, signed: list[int]) -> list[Change]:
+    """Changes one after the other; each time the earlier ones are looked for again beside the new one, and may go."""
+
+    def beside(others: list[Change]) -> Change | None:
+        return _next(work, X, np.column_stack([X, *_columns(others, X, time)]), time, rate, healthy, signed)
+
+    changes: list[Change] = []
+    while len(changes) < MOST_CHANGES:
+        new = beside(changes)
+        if new is None:
+            break
+        changes.append(new)
+        for old in changes[:-1]:
+            others = [c for c in changes if c is not old]
+            again = beside(others)
+            changes = others if again is None else [again if c is old else c for c in changes]
+    return changes
+
+
+def _columns(changes: list[Change], X: Array, time: Array) -> tuple[Array, Array]:
+    """(n, c) a column for each change, and (n, e) what else they do under other conditions."""
+    mains = [_column(c.kind, c.since, time) * X[:, c.by] for c in changes]
+    none = np.zeros((time.size, 0))
+    extra = [_with_conditions(m, X) for c, m in zip(changes, mains, strict=True) if not c.by]
+    return np.column_stack([none, *mains]), np.column_stack([none, *extra])
 
 
 class _Fit(NamedTuple):
@@ -133,48 +184,65 @@ def _column(kind: str, since: int, time: Array) -> Array:
     return np.where(after, time - begin, 0.0) / max(float(time[-1] - begin), 1e-300)
 
 
-def _places(n: int) -> list[int]:
-    places = range(FEWEST_BEFORE, n - FEWEST_AFTER + 1)
+def _with_conditions(column: Array, X: Array) -> Array:
+    """(n, e) what else a change does where it acts otherwise under other conditions (friction that grows with the load more than
+    before), as far as there are logs enough after it to tell.
+    """
+    after = column > 0.0
+    enough = [
+        c
+        for c in range(1, X.shape[1])
+        if np.count_nonzero(after) >= PER_CONDITION * X.shape[1] and np.ptp(X[after, c]) > 0.0
+    ]
+    return np.column_stack([column * X[:, c] for c in enough]) if enough else np.zeros((column.size, 0))
+
+
+def _places(n: int, first: int) -> list[int]:
+    places = range(first, n - FEWEST_AFTER + 1)
     if len(places) <= MOST_PLACES:
         return list(places)
     return sorted(set(np.linspace(places[0], places[-1], MOST_PLACES).astype(int).tolist()))
 
 
-def _next(work: Array, X: Array, time: Array, rate: float, quantities: int) -> Change | None:
+def _next(
+    work: Array, plain: Array, X: Array, time: Array, rate: float, healthy: int, signed: list[int]
+) -> Change | None:  # fmt: skip
     """The clearest change that is left, None where no one exceeds what chance allows."""
-    n = time.size
-    places = _places(n)
+    n, quantities = work.shape
+    places = _places(n, max(healthy, FEWEST_BEFORE))
     if not places:
         return None
-    kinds = [(kind, p) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
-    t = _t_values(work, X, np.column_stack([_column(kind, p, time) for kind, p in kinds]))
+    kinds = [(kind, p, 0) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
+    kinds += [(STEP, p, c) for c in signed for p in places if p <= n - 4]
+    t = _t_values(work, X, np.column_stack([_column(kind, p, time) * plain[:, c] for kind, p, c in kinds]))
     allowed = _allowed(
         rate,
         quantities,
         n,
         np.array([np.isfinite(work[:, j]).sum() - X.shape[1] - 1 for j in range(quantities)]),
     )
+    t[[kind == DRIFT for kind, _, _ in kinds]] *= DRIFT_SHARE
     over = np.abs(t) / allowed
     best, j = np.unravel_index(int(np.nanargmax(over)), over.shape)
     if over[best, j] <= 1.0:
         return None
-    kind = kinds[best][0]
-    same = np.array([k for k, (other, _) in enumerate(kinds) if other == kind])
+    kind, _, by = kinds[best]
+    same = np.array([k for k, (other, _, c) in enumerate(kinds) if other == kind and c == by])
     alike = np.abs(t[:, j]) ** 2 > np.abs(t[best, j]) ** 2 - 4.0
     near = [kinds[k][1] for k in same if alike[k]]
     shows = (over[best] > 1.0) | (
         (np.nanmax(over[same], axis=0) > 1.0) & (t[best] ** 2 > np.nanmax(t[same] ** 2, axis=0) - TOGETHER)
     )
-    since = _shared(t, kinds, kind, shows, kinds[best][1])
+    since = _shared(t[same][:, shows], [kinds[k][1] for k in same], kinds[best][1])
     nothing = np.zeros(quantities)
-    return Change(kind, since, nothing, nothing, t[best], shows, min(near), max(near))
+    return Change(kind, since, nothing, nothing, t[best], shows, min(near), max(near), by)
 
 
-def _shared(t: Array, kinds: list[tuple[str, int]], kind: str, shows: Array, first: int) -> int:
-    """The log at which all quantities that changed together fit best."""
-    rows = [k for k, (other, p) in enumerate(kinds) if other == kind and abs(p - first) <= 5]
-    total = np.sum(np.minimum(t[rows][:, shows] ** 2, 400.0), axis=1)
-    return kinds[rows[int(np.argmax(total))]][1]
+def _shared(t: Array, places: list[int], first: int) -> int:
+    """The log, near to the first guess, at which all quantities that changed together fit best. t (m, s): at m places."""
+    rows = [k for k, p in enumerate(places) if abs(p - first) <= NEARBY]
+    total = np.sum(np.log1p(t[rows] ** 2), axis=1)
+    return places[rows[int(np.argmax(total))]]
 
 
 def _t_values(work: Array, X: Array, columns: Array) -> Array:

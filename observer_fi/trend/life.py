@@ -11,12 +11,12 @@ from observer_fi.errors import UsageError
 from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.trend.ahead import Ahead, ahead
-from observer_fi.trend.baseline import Baseline, Departure, departure, learn, outside, score_of
+from observer_fi.trend.baseline import UNITS, Baseline, Departure, departure, learn, outside, score_of
 from observer_fi.trend.changes import Change, History, as_departure, history_of
 from observer_fi.trend.digests import Digest
 from observer_fi.trend.kinds import in_words, kind_of
 from observer_fi.trend.naming import Named, named, ratio_words
-from observer_fi.trend.order import ordered
+from observer_fi.trend.order import LOGS, ordered
 from observer_fi.trend.rig_baseline import from_rig
 from observer_fi.trend.table import Table, periods_of, table_of
 
@@ -134,21 +134,27 @@ def trend(
     silent = [
         Judged(d, NOT_TESTED, 0.0, (), (), next(iter(d.missing.values()), "")) for d in logs if not d.names
     ]
-    every, all_times, by, unit = (
-        (mine, times, by, unit) if not healthy else ordered([*before, *_others(mine, before)])
-    )
-    history, findings, aheads = _over_time(
-        every, all_times, periods, baseline, rate, known, limits or {}, unit
-    )
+    every, all_times, by, unit = _with_healthy(mine, times, by, unit, before)
+    over_time = (every, all_times, periods, baseline, rate, len(before))
+    history, findings, aheads = _over_time(*over_time, known, limits or {}, unit)
     return Trend(
         rate, baseline, text, (*judged, *silent), table, tuple(d.path for d in every), all_times, history, findings,
         aheads, by, unit, periods,
     )  # fmt: skip
 
 
-def _others(mine: Sequence[Digest], before: Sequence[Digest]) -> list[Digest]:
+def _with_healthy(
+    mine: list[Digest], times: Array, by: str, unit: str, before: list[Digest]
+) -> tuple[list[Digest], Array, str, str]:
+    """All logs in order: healthy logs that were given stand in front of the others where no times tell."""
     known = {(d.path, d.sha256) for d in before}
-    return [d for d in mine if (d.path, d.sha256) not in known]
+    others = [d for d in mine if (d.path, d.sha256) not in known]
+    if not before or not others:
+        return mine, times, by, unit
+    every, all_times, by, unit = ordered([*before, *others])
+    if unit == LOGS:
+        every = [*before, *others]
+    return every, all_times, by, unit
 
 
 def _known_periods(rig: Rig) -> dict[str, float]:
@@ -171,7 +177,7 @@ def _judge(
     if not found.which.size:
         return Judged(digest, NOT_TESTED, 0.0, (), (), "tells nothing that the baseline's logs tell", notes)
     score = score_of(baseline, found)
-    if score <= baseline.limit:
+    if score <= 1.0:
         wide = float(np.median(found.std / baseline.scatter[found.which])) > TOO_WIDE
         reason = (
             f"{notes[0]}; healthy logs there are needed"
@@ -195,7 +201,7 @@ def _moved(baseline: Baseline, found: Departure, k: int, cause: Named) -> Moved:
 
 def _over_time(
     every: Sequence[Digest], times: Array, periods: Sequence[float], baseline: Baseline, rate: float,
-    known: Mapping[str, float], limits: Mapping[str, float], unit: str,
+    healthy: int, known: Mapping[str, float], limits: Mapping[str, float], unit: str,
 ) -> tuple[History | None, tuple[Finding, ...], tuple[Ahead, ...]]:  # fmt: skip
     names = {ALIASES.get(n, n): v for n, v in limits.items()}
     for name in names:
@@ -205,7 +211,7 @@ def _over_time(
             )
     if len(every) < FEWEST_FOR_HISTORY:
         return None, (), ()
-    history = history_of(table_of(every, periods), baseline, times, rate)
+    history = history_of(table_of(every, periods), baseline, times, rate, healthy if unit == LOGS else 0)
     paths = [d.path for d in every]
     findings = [f for c in history.changes for f in _findings(c, baseline, history, paths, known)]
     aheads = tuple(ahead(n, v, baseline, history, unit) for n, v in names.items())
@@ -229,12 +235,65 @@ def _findings(
             float(found.expected[k]),
         )
         names = tuple(baseline.names[int(found.which[j])] for j in rows)
+        if c.by:
+            result.append(_by_condition(c, at, size, std, baseline, history, paths, names))
+            continue
         words = _words(c, baseline.names[at], baseline.units[at], size, std, before, paths)
         result.append(Finding(
             c.kind, c.since, cause.cause, cause.equation, baseline.names[at], size, std, baseline.units[at], before,
             cause.rivals, names, c.low, c.high, words,
         ))  # fmt: skip
     return result
+
+
+# What it means where a condition acts otherwise than before: cause, equation, rivals, name, and words.
+_BY = {
+    "pitch_deg": (
+        "gravity_nonlinearity",
+        "torque",
+        ("load_dependent_friction", "pitch_offset"),
+        "pitch",
+        "the mass that is carried",
+    ),
+    "load_n": (
+        "load_dependent_friction",
+        "torque",
+        ("torque_offset", "current_gain"),
+        "load",
+        "efficiency of screw or gear",
+    ),
+}
+
+
+def _by_condition(
+    c: Change, at: int, size: float, std: float, baseline: Baseline, history: History, paths: Sequence[str],
+    names: tuple[str, ...],
+) -> Finding:  # fmt: skip
+    """A change of what a condition does to a quantity, per unit of the condition."""
+    condition, scale = history.conditions[c.by]
+    cause, equation, rivals, word, doubt = _BY[condition]
+    name, unit = baseline.names[at], f"{baseline.units[at]}/{UNITS[condition]}"
+    before = float(history.slopes[c.by, at]) * scale
+    words = (
+        f"what {word} does to {in_words(name)} {size * scale:+.2g} {unit}, since {paths[c.since]}: {doubt}"
+    )
+    shown = "B" if (name, condition) == ("torque_offset", "pitch_deg") else name
+    return Finding(
+        c.kind,
+        c.since,
+        cause,
+        equation,
+        shown,
+        size * scale,
+        std * scale,
+        unit,
+        before,
+        rivals,
+        names,
+        c.low,
+        c.high,
+        words,
+    )
 
 
 def _words(

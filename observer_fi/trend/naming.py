@@ -28,6 +28,7 @@ PROPORTIONS: dict[str, tuple[str, dict[str, float]]] = {
 
 # What else a fit without the cause gets wrong by it: told as part of it, not as causes of their own.
 SYMPTOMS = {"backlash": ("backlash", ("D", "position_lag", "misfit_position"))}
+FIRST = ("A", "backlash")  # quantities that name their group where they have moved
 MISFIT = "misfit"  # group of quantities that any cause moves which the constants do not know
 MISFITS = frozenset(kind.cause for kind in KINDS if kind.group == MISFIT)
 
@@ -62,7 +63,7 @@ def named(
     names = [baseline.names[k] for k in found.which]
     R = baseline.correlation[ALL][np.ix_(found.which, found.which)]
     inverse = np.asarray(np.linalg.inv(R), dtype=float)
-    candidates = _candidates(names, found, periods or {})
+    candidates = _candidates(names, found, periods or {}, baseline.limit_of)
     chosen: list[Named] = []
     taken = np.zeros((found.z.size, 0))
     explained = 0.0
@@ -110,21 +111,22 @@ def _rows(c: Candidate, found: Departure) -> tuple[int, ...]:
     return tuple(int(k) for j, k in enumerate(order) if j == 0 or abs(found.z[k]) > SHOWS)
 
 
-def _candidates(names: Sequence[str], found: Departure, periods: Mapping[str, float]) -> list[Candidate]:
+def _candidates(
+    names: Sequence[str], found: Departure, periods: Mapping[str, float], limit: float
+) -> list[Candidate]:
     eye = np.eye(len(names))
     many = []
     for k, name in enumerate(names):
         cause, equation, rivals = meaning(name, periods)
         many.append(Candidate(cause, equation, rivals, eye[:, [k]], 1))
     for name, others in SYMPTOMS.values():
-        if name in names:
+        if name in names and abs(found.z[names.index(name)]) > limit:
             cause, equation, rivals = meaning(name, periods)
             those = [names.index(n) for n in (name, *others) if n in names]
             many.append(Candidate(cause, equation, rivals, eye[:, those], 1))
     for group, rows in groups_of(names).items():
         if group not in (ALL, MISFIT) and rows.size > 1:
-            clearest = int(rows[np.argmax(np.abs(found.z[rows]))])
-            cause, equation, rivals = meaning(names[clearest], periods)
+            cause, equation, rivals = meaning(names[_speaks(names, found.z, rows)], periods)
             many.append(Candidate(cause, equation, rivals, eye[:, rows], int(rows.size)))
     for cause, (equation, shares) in PROPORTIONS.items():
         there = [k for k, name in enumerate(names) if name in shares]
@@ -133,6 +135,12 @@ def _candidates(names: Sequence[str], found: Departure, periods: Mapping[str, fl
             column[there, 0] = [shares[names[k]] * found.expected[k] / found.std[k] for k in there]
             many.append(Candidate(cause, equation, (), column, 1))
     return many
+
+
+def _speaks(names: Sequence[str], z: Array, rows: NDArray[np.intp]) -> int:
+    """Which quantity of a group names it: friction itself where it has moved, else the clearest."""
+    plain = [int(k) for k in rows if names[k] in FIRST and abs(z[k]) > SHOWS]
+    return plain[0] if plain else int(rows[np.argmax(np.abs(z[rows]))])
 
 
 def meaning(name: str, periods: Mapping[str, float]) -> tuple[str, str, tuple[str, ...]]:
