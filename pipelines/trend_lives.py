@@ -134,9 +134,9 @@ def main() -> None:
 
 TEXT = """# What changed: simulated lives
 
-Written by `pipelines/trend_lives.py` against the independent truth of `tests/hidden`. Forty logs of five seconds a life, the
-first thirteen taken as healthy; what happens begins at log {onset}; false alarms at {rate:g} a log. Friction and winding scatter by 2 %
-from log to log, pitch and speed are drawn anew for each.
+Written by `pipelines/trend_lives.py` against the independent truth of `tests/hidden`. Forty logs of five seconds a life,
+the first thirteen taken as healthy; what happens begins at log {onset}; false alarms at {rate:g} a log. Friction and
+winding scatter by 2 % from log to log, pitch and speed are drawn anew for each.
 
 {table}
 """

@@ -53,15 +53,15 @@ def run_trend(args: argparse.Namespace) -> int:
     """What changed over the logs, since when, by how much."""
     from observer_fi.physics import load_rig
     from observer_fi.report import Made, folder_name, trend_files, trend_headline, trend_json, write_result
-    from observer_fi.serve.digests import logs_in
+    from observer_fi.serve import digests
     from observer_fi.trend import trend
 
     if args.baseline and args.baseline_logs:
         raise UsageError("--baseline and --baseline-logs: give one of them")
     name = folder_name(args.name, args.logs[0].rstrip("/"))
-    paths = logs_in(args.logs)
-    healthy = [p for p in logs_in(args.baseline_logs or []) if p not in paths]
-    inside = [p for p in logs_in(args.baseline_logs or []) if p in paths]
+    paths = digests.logs_in(args.logs)
+    healthy = [p for p in digests.logs_in(args.baseline_logs or []) if p not in paths]
+    inside = [p for p in digests.logs_in(args.baseline_logs or []) if p in paths]
     baseline_rig = load_rig(args.baseline) if args.baseline else None
     bad: list[str] = []
     rig = _rig(args, paths)
@@ -103,15 +103,17 @@ def _rig(args: argparse.Namespace, paths: list[str]) -> "Rig":
 
 def _digests(args: argparse.Namespace, paths: list[str], rig: "Rig", bad: list[str]) -> "list[Digest]":
     from observer_fi.logs import PLAIN, load_columns
-    from observer_fi.serve.digests import KEPT, DigestJob, digests
+    from observer_fi.serve import digests
 
-    job = DigestJob(args.out / KEPT, rig, load_columns(args.columns) if args.columns else PLAIN)
+    job = digests.DigestJob(
+        args.out / digests.KEPT, rig, load_columns(args.columns) if args.columns else PLAIN
+    )
 
     def say(line: str) -> None:
         bad.append(line)
         complain(line)
 
-    under_way = digests(paths, job, args.workers, args.scheduler, say)
+    under_way = digests.digests(paths, job, args.workers, args.scheduler, say)
     return list(progress(under_way, args, len(paths), "log"))
 
 

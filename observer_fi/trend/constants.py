@@ -18,6 +18,9 @@ from observer_fi.trend.travel import Set, regression
 # current are known by Km alone, and B by the baseline, whose logs differ in pitch.
 ROOM = {"Rm": 0.1, "D": 0.02, "B": 1e-4}
 FASTEST_NEEDED_HZ = 100.0  # of a log whose constants are told from integrals over quarters of a second
+FOLLOWS = (
+    3.0  # noises of the position by which a simulated mass has gone when the measured one counts as behind
+)
 FEWEST = 50  # samples of a move that begin to tell play
 CHANNELS = {"current_a": "misfit_current", "position_m": "misfit_position", "speed_rad_s": "misfit_speed"}
 
@@ -65,7 +68,7 @@ def _play(fit: Fit, rig: Rig) -> list[Set]:
 
     A simulated move starts from where the mass stood. After a reversal it falls short of that by the play.
     """
-    rows, y = [], []
+    rows, y, reversed_once = [], [], False
     for one in fit.figures.get("fits", []):
         before = 0.0
         for k, peak in enumerate(one["peak"]):
@@ -73,14 +76,15 @@ def _play(fit: Fit, rig: Rig) -> list[Set]:
             way, x = float(np.sign(peak)), one["simulated"][here, 2]
             left = one["measured"][here, 2] - x
             known = np.isfinite(left)
-            if before == -way and np.count_nonzero(known) > FEWEST:
+            if np.count_nonzero(known) > FEWEST:
                 v = np.gradient(x, one["time"][here])
-                gone = np.clip(way * (x - x[0]) / (20.0 * rig.noise["position"]), 0.0, 1.0)
-                G = np.column_stack([-way * gone, -v, x - x[0], np.ones(x.size)])[known]
-                rows.append(G)
+                follows = np.abs(x - x[0]) > FOLLOWS * rig.noise["position"]
+                short = -way * follows * (before == -way)
+                rows.append(np.column_stack([short, -v, x - x[0], np.ones(x.size)])[known])
                 y.append(left[known])
+                reversed_once |= before == -way
             before = way
-    if not rows:
+    if not reversed_once:
         return []
     blocks = np.zeros((sum(g.shape[0] for g in rows), 3 + len(rows)))
     at = 0
