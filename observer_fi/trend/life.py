@@ -15,7 +15,7 @@ from observer_fi.trend.baseline import UNITS, Baseline, Departure, departure, le
 from observer_fi.trend.changes import Change, History, as_departure, history_of
 from observer_fi.trend.digests import Digest
 from observer_fi.trend.kinds import in_words, kind_of
-from observer_fi.trend.naming import Named, named, ratio_words
+from observer_fi.trend.naming import MISFIT, Named, named, ratio_words
 from observer_fi.trend.order import LOGS, ordered
 from observer_fi.trend.rig_baseline import from_rig
 from observer_fi.trend.table import Table, periods_of, table_of
@@ -214,6 +214,10 @@ def _over_time(
     history = history_of(table_of(every, periods), baseline, times, rate, healthy if unit == LOGS else 0)
     paths = [d.path for d in every]
     findings = [f for c in history.changes for f in _findings(c, baseline, history, paths, known)]
+    clear = [f for f in findings if kind_of(f.name).group != MISFIT]
+    findings = (
+        clear or findings
+    )  # what the constants leave is a symptom where something with a name has changed
     aheads = tuple(ahead(n, v, baseline, history, unit) for n, v in names.items())
     return history, tuple(sorted(findings, key=lambda f: f.row)), aheads
 
