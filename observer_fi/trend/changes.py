@@ -25,6 +25,7 @@ MOST_PLACES = 200  # at which a change is looked for first
 TOGETHER = 9.0  # squared t value that a quantity may lose where it is given another's time
 MOST_CORRELATED = 0.8
 NEARBY = 5  # logs by which quantities of one change may seem to change apart
+CONDITION_SHARE = 0.7  # likewise of a changed effect of a condition: where a plain step fits, too, it is that
 DRIFT_SHARE = 0.95  # of its t value a drift counts for: where both fit, it is a step
 
 
@@ -83,10 +84,11 @@ def history_of(table: Table, baseline: Baseline, time: Array, rate: float, healt
     fit = _fitted(work, np.column_stack([X, mains, extra]))
     changes = [_with_size(c, j, fit, X.shape[1], time, scale) for j, c in enumerate(changes)]
     sizes = fit.coefficients[X.shape[1] : X.shape[1] + mains.shape[1]]
-    shown = np.array([c.shows for c in changes]) if changes else np.zeros((0, k), dtype=np.bool_)
+    plain = np.array([c.by == 0 for c in changes], dtype=np.bool_)
+    shown = np.array([c.shows for c in changes if not c.by]).reshape(-1, k)
     centre = fit.coefficients[0]
-    level = (centre + mains @ np.where(shown, sizes, 0.0)) * scale
-    value = (centre + mains @ sizes + fit.residual) * scale
+    level = (centre + mains[:, plain] @ np.where(shown, sizes[plain], 0.0)) * scale
+    value = (centre + mains[:, plain] @ sizes[plain] + fit.residual) * scale
     std = fit.sigma * scale
     return History(
         time, level, value, std, tuple(changes), _detectable(fit, n, k, rate) * std, _scales(names_of, X, table),
@@ -222,6 +224,7 @@ def _next(
         np.array([np.isfinite(work[:, j]).sum() - X.shape[1] - 1 for j in range(quantities)]),
     )
     t[[kind == DRIFT for kind, _, _ in kinds]] *= DRIFT_SHARE
+    t[[c > 0 for _, _, c in kinds]] *= CONDITION_SHARE
     over = np.abs(t) / allowed
     best, j = np.unravel_index(int(np.nanargmax(over)), over.shape)
     if over[best, j] <= 1.0:
