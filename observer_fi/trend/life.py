@@ -304,7 +304,10 @@ def _words(
     c: Change, name: str, unit: str, size: float, std: float, before: float, paths: Sequence[str]
 ) -> str:
     """One change in a sentence for a technician."""
-    percent = ratio_words(before + size, before, std) if unit != "1" else f"{100.0 * math.expm1(size):+.0f} %"
+    signed = kind_of(name).group in ("ripple", "travel")  # parts of an amplitude: no part of what was before
+    percent = "" if signed else ratio_words(before + size, before, std)
+    if unit == "1":
+        percent = f"{100.0 * math.expm1(size):+.0f} %"
     much = percent or f"{size:+.2g} {unit}"
     how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[c.kind]
     both = ", in both directions" if name == "A" else ""

@@ -77,7 +77,7 @@ def named(
         if chosen and worth[best] < baseline.limit_of**2:
             break
         c = candidates[best]
-        rows = _rows(c, found)
+        rows = _rows(c, found, names)
         close = [o.cause for o, w in zip(candidates, worth, strict=True) if worth[best] - w < NEAR]
         rivals = tuple(dict.fromkeys(r for r in (*close, *c.rivals) if r != c.cause))
         chosen.append(Named(c.cause, c.equation, rows, rivals))
@@ -105,9 +105,12 @@ def _merged(chosen: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(found.values())
 
 
-def _rows(c: Candidate, found: Departure) -> tuple[int, ...]:
+def _rows(c: Candidate, found: Departure, names: Sequence[str]) -> tuple[int, ...]:
+    """Quantities that show a cause: friction or play itself in front, then the clearest."""
     part = np.flatnonzero(np.abs(c.columns[:, : c.priced]).sum(axis=1) > 0.0)
-    order = part[np.argsort(-np.abs(found.z[part]))]
+    clear = np.abs(found.z[part])
+    first = np.array([names[k] in FIRST for k in part.tolist()]) & (clear > SHOWS)
+    order = part[np.lexsort((-clear, ~first))]
     return tuple(int(k) for j, k in enumerate(order) if j == 0 or abs(found.z[k]) > SHOWS)
 
 
@@ -163,8 +166,8 @@ def _explained(inverse: Array, z: Array, columns: Array) -> float:
 
 
 def ratio_words(value: float, before: float, std: float) -> str:
-    """By how many per cent a quantity has changed, where that says something."""
-    if before == 0.0 or not math.isfinite(before) or abs(before) < 3.0 * std:
+    """By how many per cent a quantity has changed, where that says something: not of one that has changed its sign."""
+    if before * value <= 0.0 or not math.isfinite(before) or abs(before) < 3.0 * std:
         return ""
     percent = 100.0 * (value / before - 1.0)
     return f"{percent:+.2g} %" if abs(percent) < 10.0 else f"{percent:+.0f} %"
