@@ -194,7 +194,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=0.01)
     parser.add_argument("--out", type=Path, default=Path("reports/trend.md"))
     args = parser.parse_args()
-    folder = Path(os.environ.get("OBSERVER_FI_DATA", "../shared")) / "data" / "cranfield"
+    folder = Path(os.environ.get("OBSERVER_FI_DATA", ".")) / "data" / "cranfield"
     files = {p.name.removesuffix(".csv.gz"): cycles_of(p) for p in sorted(folder.glob("*.csv.gz"))}
     rows, found = rows_of(files, args.rate)
     head = [
