@@ -144,10 +144,10 @@ MAPS: dict[str, str] = {
     "separator = '§'": "separator must be one character",
     "separator = 3": "separator must be a text",
     "decimal_comma = 'yes'": "decimal_comma must be true or false",
-    "header_line = -1": "header_line must be greater than or equal to 1",
+    "header_line = -1": "header_line must be greater than or equal to 0",
     "header_line = 1.0": "header_line must be a whole number",
     "header_line = 1000000000": "header_line must be less than or equal to",
-    "data_line = 1": "data_line must be greater than or equal to 2",
+    "data_line = 1": "data_line must come after the header line",
     "missing = [3]": "missing.0 must be a text",
     "missing = ['']": "missing.0 must",
     **{

@@ -9,23 +9,63 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.logs.command_recovery import ABSENT
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
 FEWEST = 20  # samples at full speed that a mean needs
-PREFIXES = {1e3: "milli", 1e6: "micro"}
+PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
+OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
+START_S = 0.015  # in which a servo speeds up and does not brake yet
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
 def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[str, ...]:
     """A note for every channel whose size a rig like `model` cannot produce; none is the usual answer."""
+    if any(note.startswith(ABSENT) for note in log.notes):
+        return ()  # a command that the rig recovered knows the rig's units only
     notes = [*_drive_notes(log, model)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
     full = _at_full_speed(log, moves)
     if np.count_nonzero(full) >= FEWEST:
         w = float(np.abs(log.w_cmd[full]).mean())
         notes += _ratio_notes("voltage_v", np.abs(log.z[full, 0]), model["Km"] * w)
         notes += _ratio_notes("position_m", _steps(log, full), model["D"] * w / log.rate_hz)
+        notes += _sign_notes(log, moves, full, model["Km"] * w, model["D"] * w / log.rate_hz)
     return tuple(notes)
+
+
+def _sign_notes(
+    log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], volts: float, step: float
+) -> Iterator[str]:
+    """Channels that go the other way than the command: voltage and position at full speed, current as a move starts."""
+    way = np.sign(log.w_cmd)
+    found = []
+    if _mean(log.z[full, 0] * way[full]) < -OPPOSITE * volts:
+        found.append("voltage_v")
+    if _mean(_steps(log, full)) < -OPPOSITE * step:
+        found.append("position_m")
+    pushes = [i for move in moves for i in (_first_push(log, move),) if np.isfinite(i)]
+    if pushes and max(pushes) < -OPPOSITE:
+        found.append("current_a")
+    if len(found) == 3:
+        yield "speed_cmd_rad_s goes the other way than voltage, current and position: is its sign inverted?"
+    else:
+        yield from (
+            f"{column} goes the other way than the command: is its sign inverted?" for column in found
+        )
+
+
+def _first_push(log: Log, move: Segment) -> float:
+    """Mean current along the command as a move from rest starts, over the largest there [1]; NaN where nobody knows."""
+    begin = slice(move.start, move.start + max(round(START_S * log.rate_hz), 2))
+    i = log.z[begin, 1] * np.sign(move.peak)
+    largest = _largest(i)
+    return _mean(i) / largest if largest > 0.0 else np.nan
+
+
+def _mean(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else np.nan
 
 
 def _drive_notes(log: Log, model: Model) -> Iterator[str]:

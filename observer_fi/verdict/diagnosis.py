@@ -36,6 +36,7 @@ from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, untested
+from observer_fi.verdict.wrong_rig import wrong_rig
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
@@ -283,7 +284,8 @@ class Diagnosis:
         self._ask_moves(found.events[-1:])
         events = tuple(handed_on([self._finished(e) for e in found.events]))
         verdict = log_verdict(list(events))
-        lack = self.testable.lack(self.rate, self.rig, verdict.label)
+        foreign = wrong_rig(verdict, found.consistency, self.suspects or ())
+        lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)
         isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency, could)
@@ -298,12 +300,17 @@ class Diagnosis:
             None if lack else sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
-            acquisition=self.as_logged.acquisition if self.as_logged else None, warnings=self._warnings(isolation),
+            acquisition=self.as_logged.acquisition if self.as_logged else None, warnings=self._warnings(isolation, foreign),
         )  # fmt: skip
 
-    def _warnings(self, isolation: Isolation) -> tuple[str, ...]:
+    def _warnings(self, isolation: Isolation, foreign: str) -> tuple[str, ...]:
         known = cautions(self.as_logged, isolation, self.rate) if self.as_logged else ()
-        return (*(self.suspects or ()), *explain.second_faults(isolation), *known)
+        return (
+            *([foreign] if foreign else []),
+            *(self.suspects or ()),
+            *explain.second_faults(isolation),
+            *known,
+        )
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

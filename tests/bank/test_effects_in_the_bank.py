@@ -44,6 +44,9 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
         ("shaft_ripple", {"amplitude": 1e-4, "order": float(k), "phase": 1.0}),
         {"shaft_ripple_sin": 1e-4 * np.cos(1.0), "shaft_ripple_cos": 1e-4 * np.sin(1.0), "shaft_order": float(k)},
     ) for k in (2, 3, 4, 6, 9, 13)},
+    "gear_ripple: order 0.27": (
+        ("shaft_ripple", {"amplitude": 1e-4, "order": 0.27, "phase": 1.0}),
+        {"gear_ripple_sin": 1e-4 * np.cos(1.0), "gear_ripple_cos": 1e-4 * np.sin(1.0), "gear_order": 0.27}),
     "screw_ripple: order 1": (
         ("screw_ripple", {"amplitude": 2e-5, "phase": 0.7}),
         {"screw_ripple_sin": 2e-5 * np.cos(0.7), "screw_ripple_cos": 2e-5 * np.sin(0.7)}),
@@ -92,6 +95,7 @@ OWN: dict[str, dict[str, float]] = {
     "winding_heating: warm-up in time": {"heating_rise": 0.2, "heating_time": 10.0},
     "current_lag: of the current": {"current_lag": 1e-3, "lag_behind_limit": 1.0},
     "contact_damping: with depth": {"contact_damping": 2e-4},
+    "acceleration_limit: planned": {"accel_limit": 2e4, "accel_ahead": 1.0},
 }
 EVERY = (*HIDDEN, *OWN)
 FAST = (
@@ -131,7 +135,7 @@ def test_every_variant_of_every_cause_has_a_log() -> None:
     covered = Coverage(
         -5e-5, 2e-4, speed=300.0, pitch=5.0, torque=4.6e-4, current=0.022, resistance=20.2, heat=1.0, length_s=1.0,
         step_s=1.0 / 1600.0, voltage_noise=1e-2, current_noise=3e-4, position_noise=1e-5, turn=1.2e-5, lead=1e-3,
-        integral=1.0, acceleration=5e4,
+        integral=1.0, acceleration=5e4, orders=(0.27,),
     )  # fmt: skip
     variants = {f"{c.name}: {v.name}" for c in CAUSES.values() for v in c.variants(covered, MOVES)}
     bumps = {name for name in variants if "bump at" in name}  # one form from many starts

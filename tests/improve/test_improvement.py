@@ -54,7 +54,16 @@ def test_the_extended_rig_carries_what_was_found(sticky):
 
 def test_json_has_the_keys_of_the_contract(sticky):
     table = json.loads(json.dumps(to_json(sticky)))
-    assert list(table) == ["schema", "baseline", "refit", "findings", "unexplained", "extended", "new_moves", "freed"]
+    assert list(table) == [
+        "schema",
+        "baseline",
+        "refit",
+        "findings",
+        "unexplained",
+        "extended",
+        "new_moves",
+        "freed",
+    ]
     assert table["schema"] == "observer-fi/improve/1"
     assert set(table["baseline"]["rmse"]) == {"current_a", "position_m", "speed_rad_s"}
     finding = table["findings"][0]

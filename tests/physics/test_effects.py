@@ -13,7 +13,7 @@ from observer_fi.records import Log
 
 CONTRACT = {
     "torque": "viscous_friction stribeck_friction asymmetric_friction load_dependent_friction "
-    "position_dependent_friction shaft_ripple screw_ripple gravity_nonlinearity torque_offset",
+    "position_dependent_friction shaft_ripple gear_ripple screw_ripple gravity_nonlinearity torque_offset",
     "electrical": "winding_heating brush_drop supply_sag",
     "servo": "current_lag input_delay integrator_clamp acceleration_limit",
     "kinematics": "backlash partial_slip",
@@ -26,7 +26,7 @@ CONTRACT = {
 COVERED = Coverage(
     -5e-5, 2e-4, speed=300.0, pitch=5.0, torque=4.6e-4, current=0.022, resistance=20.2, heat=1.0, length_s=1.0,
     step_s=1.0 / 1600.0, voltage_noise=1e-2, current_noise=3e-4, position_noise=1e-5, turn=1.2e-5, lead=1e-3,
-    integral=1.0, acceleration=5e4,
+    integral=1.0, acceleration=5e4, orders=(0.27,),
 )  # fmt: skip
 VARIANTS = [(c, v) for c in CAUSES.values() for v in c.variants(COVERED, MOVES)]
 

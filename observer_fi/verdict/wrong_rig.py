@@ -1,0 +1,42 @@
+"""Whether a rig file describes the machine at all: a log of another actuator, or in another unit, is no faulty one."""
+
+from collections.abc import Sequence
+
+from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
+from observer_fi.records import Consistency, Event
+
+SAID = "this rig file does not describe this machine"
+FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
+FAR_UNKNOWN = 4.0  # the same where the free hypothesis itself has won
+AT_ONCE_S = 4e-3  # after a start: no fault comes with the motion, but a wrong rig does
+
+
+_FROM_THE_START = (
+    f"{SAID}, or it had failed before the log begins: from the instant it first moves nothing that has a name fits. Learn the "
+    "rig from healthy moves with observer-fi identify; if it was learned, look at the actuator"
+)
+
+
+def _from_the_start(verdict: Event) -> bool:
+    """Whether a fault without a name begins with the motion itself."""
+    onset = verdict.onset_s
+    return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
+
+
+def wrong_rig(verdict: Event, consistency: Consistency, suspects: Sequence[str]) -> str:
+    """Why a fault that was found is none, "" where it may be one. suspects: what is odd about the size of channels.
+
+    The free hypothesis follows any torque and any voltage, so that even a fault without a name leaves it small innovations.
+    """
+    if verdict.label in (NOMINAL, NOT_TESTED):
+        return ""
+    if suspects:
+        return f"{SAID}, or a column has another unit or sign than its map says: {suspects[0]}"
+    seen, expected = consistency.nis_mean, consistency.nis_expected
+    if not seen > (FAR_UNKNOWN if verdict.label == UNKNOWN else FAR_OFF) * expected:
+        return _FROM_THE_START if _from_the_start(verdict) else ""
+    return (
+        f"{SAID}: no hypothesis comes near its readings, not even one that allows for any torque and any voltage (normalised "
+        f"innovation squared {seen:.3g}, {expected:.2g} expected). Look at the columns with observer-fi inspect, make a rig file "
+        "with observer-fi rig new, and learn it from healthy moves with observer-fi identify"
+    )
