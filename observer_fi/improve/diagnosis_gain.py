@@ -13,7 +13,7 @@ from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log, scenarios, scores
 
-CASES = 24  # simulated logs: a third healthy, a third each fault, half of them in the start
+CASES = 12  # simulated logs: a third healthy, a third each fault, half of them in the start
 FAULTS = OPEN_LOOP[1:]
 
 

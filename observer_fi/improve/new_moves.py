@@ -51,10 +51,13 @@ def new_moves(problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig) ->
         "refit": lambda m: _without(problem.rig, ladder.baseline, m),
         "extended": lambda m: _without(extended, ladder.extended, m),
     }
+    if not ladder.steps:  # nothing was named: the extended rig is the refitted one
+        del rigs["extended"]
     counts = {
         name: Count(len(parts), sum(_is_alarm(part, rig(m)) for m, part in parts))
         for name, rig in rigs.items()
     }
+    counts.setdefault("extended", counts["refit"])
     worse = problem.measure(ladder.extended).nll_per_sample > problem.measure(ladder.baseline).nll_per_sample
     order = ("refit", "extended", "rig_file") if worse else ("extended", "refit", "rig_file")
     return NewMoves(**counts, best=min(order, key=lambda name: counts[name].false_alarms))

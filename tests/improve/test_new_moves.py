@@ -1,0 +1,82 @@
+"""Which rig is handed over, effects too gross for a refit, and no silence about a misfit, on the independent truth."""
+
+from dataclasses import replace
+
+import hidden
+import numpy as np
+import pandas as pd
+import pytest
+
+from observer_fi.improve import Improvement, improve, to_json
+from observer_fi.improve.new_moves import MOST_MOVES, Count
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig
+
+RIG = load_rig()
+
+
+def improved(seed: int, cause: str | None, size: float) -> Improvement:
+    spec = hidden.draw_effect_case(seed, cause, size)
+    return improve([log_from_frame(hidden.make_log(spec, seed)[0])], RIG)
+
+
+@pytest.fixture(scope="module")
+def dragged() -> Improvement:
+    return improved(7402, "viscous_friction", 30.0)
+
+
+def test_the_rig_that_does_best_on_new_moves_is_handed_over(dragged: Improvement) -> None:
+    found = dragged.new_moves
+    assert 0 < found.extended.moves <= MOST_MOVES
+    assert found.rig_file.false_alarms > found.extended.false_alarms == 0
+    assert found.best == "extended" and "viscous_positive" in dragged.extended_rig.model.effects
+
+
+def test_json_counts_new_moves_and_says_what_noise_would_leave(dragged: Improvement) -> None:
+    table = to_json(dragged)
+    assert set(table["new_moves"]) == {"rig_file", "refit", "extended", "written"}
+    assert table["new_moves"]["extended"] == Count(dragged.new_moves.extended.moves, 0)._asdict()
+    assert table["extended"]["nll_per_sample"] == pytest.approx(table["extended"]["noise_floor_nll"], abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [7411, 7412, 7413, 7414])
+def test_a_misfit_without_a_name_is_never_passed_over(seed: int) -> None:
+    found = improved(seed, "km_saturation", 20.0)
+    assert found.findings or found.unexplained
+    left = found.extended.nll_per_sample - found.extended.noise_floor_nll
+    assert left < 0.05 or found.unexplained
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(7421, 7429))
+def test_controls_leave_nothing_unexplained(seed: int) -> None:
+    found = improved(seed, None, 0.0)
+    assert found.findings == () and found.unexplained == ()
+
+
+def with_steeper_ramps(frame: pd.DataFrame, profile: hidden.Profile, accel: float) -> pd.DataFrame:
+    """The log with a command whose ramps are steeper, within the same times."""
+    w = np.zeros(len(frame))
+    t = frame["time_s"].to_numpy()
+    given = frame["speed_cmd_rad_s"].to_numpy()
+    starts = np.flatnonzero((given[1:] != 0.0) & (given[:-1] == 0.0))
+    ends = np.flatnonzero((given[1:] == 0.0) & (given[:-1] != 0.0)) + 1
+    for a, b in zip(starts, ends, strict=True):
+        peak = given[a : b + 1][np.argmax(np.abs(given[a : b + 1]))]
+        up, down = np.clip((t - t[a]) * accel, 0.0, abs(peak)), np.clip((t[b] - t) * accel, 0.0, abs(peak))
+        w += np.sign(peak) * np.minimum(up, down) * ((t >= t[a]) & (t <= t[b]))
+    return frame.assign(speed_cmd_rad_s=w)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [7431, 7432, 7433])
+def test_ramps_far_slower_than_the_logged_ones_are_named(seed: int) -> None:
+    slow = float(np.random.default_rng(seed).uniform(1.2e4, 2.4e4))
+    spec = hidden.draw_effect_case(seed, None, 0.0)
+    spec = replace(spec, rig=replace(spec.rig, accel=slow))
+    frame = with_steeper_ramps(hidden.make_log(spec, seed)[0], spec.profile, 6e4)
+    found = improve([log_from_frame(frame)], RIG)
+    assert [f.cause for f in found.findings][:1] == ["acceleration_limit"]
+    assert found.findings[0].parameters["accel_limit"].value == pytest.approx(slow, rel=0.05)
+    assert all(abs(found.refit[name].value / found.refit[name].prior - 1.0) < 0.005 for name in ("Rm", "Km"))
