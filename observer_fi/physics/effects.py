@@ -162,6 +162,16 @@ def _small(c: Coverage) -> float:
     return 0.002 * c.torque
 
 
+def _load(c: Coverage) -> tuple[Variant, ...]:
+    """With the axial load; with the torque that a gear transmits, whose rotor has little of the inertia or all of it."""
+    loss = Term("torque_friction", 1e-3, 0.0, 0.9)
+    return (
+        Variant("plain", (Term("load_friction", 1e-3, 0.0),)),
+        Variant("with the motor's torque", (loss,), seen_by=(MOVES,)),
+        Variant("with the torque behind the rotor", (loss,), (("rotor_share", 1.0),), seen_by=(MOVES,)),
+    )
+
+
 def _viscous(c: Coverage) -> tuple[Variant, ...]:
     start = 0.01 * c.torque / c.speed
     both = Term("viscous_positive", start, 0.0, with_it=(("viscous_negative", 1.0),))
@@ -414,8 +424,9 @@ _TABLE = (
         separate_force="steady moves at four speeds or more, both directions, and again with the rig turned round",
     ),
     Cause(
-        "load_dependent_friction", "torque", "friction += k |B theta|", "screw efficiency: Coulomb friction times axial load",
-        _one("load_friction", lambda c: 1e-3, 0.0, seen_by=(MOVES, FORCE)),
+        "load_dependent_friction", "torque", "friction += k |B theta|, or k |Km i - r J dw/dt|, r the rotor's share of J",
+        "efficiency of screw and gear: friction times axial load, or times the transmitted torque",
+        _load,
         confused_with=("gravity_nonlinearity",),
         separate_by=_PITCHES,
     ),

@@ -58,6 +58,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "stribeck_speed": ("rad/s", 30.0),
     "friction_asymmetry": ("N m", 0.0),
     "load_friction": ("1", 0.0),
+    "torque_friction": ("1", 0.0),
+    "rotor_share": ("1", 0.0),
     "friction_slope": ("N m/m", 0.0),
     "friction_curvature": ("N m/m^2", 0.0),
     "friction_bump": ("N m", 0.0),
@@ -155,6 +157,8 @@ VECTOR_SIZE = len(NAMES) + 1
     STRIBECK_SPEED,
     FRICTION_ASYMMETRY,
     LOAD_FRICTION,
+    TORQUE_FRICTION,
+    ROTOR_SHARE,
     FRICTION_SLOPE,
     FRICTION_CURVATURE,
     FRICTION_BUMP,
@@ -364,6 +368,18 @@ def friction(w, x, theta, p):
         if any_of_rare(has_curve):
             drag += has_curve * curve_torque(w, x, zeros_like(x), theta, p)
     return maximum(drag, 0.0)
+
+
+@inlined
+def transmission_loss(s, drive, torque, p):
+    """What a gear loses of the torque T that it transmits, k |T|, against motion [N m].
+
+    drive: torque of the motor; torque: all that it works against, without this loss. The rotor's share r of the inertia does not
+    pass through the gear: T = drive - r J dw/dt, solved for T with equation 1. At rest T is the drive.
+    """
+    k, r = p[TORQUE_FRICTION], p[ROTOR_SHARE]
+    passed = (1.0 - r) * drive + r * torque
+    return k * abs(passed) / (1.0 - k * r * s * sign_of(passed))
 
 
 @inlined

@@ -7,7 +7,11 @@ from observer_fi.numerics import any_of_rare, copysign, inlined, where_above, ze
 from observer_fi.physics import equations as a
 from observer_fi.physics import plant
 
-_SPEED, _PLACE = 0.5, 1e-5  # rad/s, m: steps of the differences that effects are differentiated by
+_SPEED, _PLACE, _TURN = (
+    0.5,
+    1e-5,
+    1e-3,
+)  # rad/s, m, rad: steps of the differences that effects are differentiated by
 _SCALE = 1e-6  # m: the same for what the position sensor makes of a position
 
 
@@ -24,6 +28,11 @@ def driven(i_cmd, w, slow, p):
 
 
 @inlined
+def _load_of(s, m, slow, w_cmd, theta, free, p):
+    return plant.applied(s, m, plant.driving(m, slow, w_cmd, p), theta, free, p)
+
+
+@inlined
 def motion_slopes(m, slow, w_cmd, theta, free, p):
     """What moves w, I and x: d(dw/dt) by w, I, x, d(dx/dt) by w; and current, its slope by the supply, load, 1 / J.
 
@@ -32,13 +41,16 @@ def motion_slopes(m, slow, w_cmd, theta, free, p):
     s = where_above(m.w, 0.0, 1.0, -1.0)
     i, di_dw, di_dI, di_dV = driven(a.command_current(m.w, m.I, w_cmd, p), m.w, slow, p)
     per_J = 1.0 / a.inertia(p)
-    load = plant.applied(s, m, theta, free, p)
+    load = _load_of(s, m, slow, w_cmd, theta, free, p)
     by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, zeros_like(load)
     if any_of_rare(p[a.EXTENDED]):
         faster = plant.Motion(m.w + _SPEED, m.I, m.x, m.d, m.inner)
         farther = plant.Motion(m.w, m.I, m.x + _PLACE, m.d, m.inner)
-        by_w -= (plant.applied(s, faster, theta, free, p) - load) / _SPEED * per_J
-        by_x -= (plant.applied(s, farther, theta, free, p) - load) / _PLACE * per_J
+        by_w -= (_load_of(s, faster, slow, w_cmd, theta, free, p) - load) / _SPEED * per_J
+        by_x -= (_load_of(s, farther, slow, w_cmd, theta, free, p) - load) / _PLACE * per_J
+        if any_of_rare(p[a.TORQUE_FRICTION]):
+            pulled = plant.Motion(m.w, m.I + _TURN, m.x, m.d, m.inner)
+            by_I -= (_load_of(s, pulled, slow, w_cmd, theta, free, p) - load) / _TURN * per_J
     return by_w, by_I, by_x, a.mass_speed(1.0 + zeros_like(m.w), m.d, load, p), i, di_dV, load, per_J
 
 

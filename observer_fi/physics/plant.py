@@ -159,9 +159,21 @@ def winding_up(change, I, p):
 
 
 @inlined
-def applied(s, m, theta, free, p):
-    """Torque against the motor that moves in direction s (equations 7, 11, 13) [N m]."""
-    return a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free.torque
+def driving(m, slow, late, p):
+    """Torque of the motor where friction asks for it, else 0 [N m]; the delay of a servo is left out there."""
+    drive = zeros_like(m.w)
+    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.TORQUE_FRICTION]):
+        drive = p[a.KM] * motor_current(m.w, m.I, m.inner.c, slow, late, drive, 0.0, p)
+    return drive
+
+
+@inlined
+def applied(s, m, drive, theta, free, p):
+    """Torque against the motor that moves in direction s, driven by `drive` (equations 7, 11, 13) [N m]."""
+    torque = a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free.torque
+    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.TORQUE_FRICTION]):
+        torque += s * a.transmission_loss(s, drive, torque, p)
+    return torque
 
 
 @inlined
@@ -173,7 +185,7 @@ def mass_rate(m, load, free, p):
 @inlined
 def rates(s, m, slow, now, late, theta, free, p):
     """Rates of every state of `Motion`. s: sign of motion; now, late: command [rad/s]; theta: pitch [deg]."""
-    load = applied(s, m, theta, free, p)
+    load = applied(s, m, driving(m, slow, late, p), theta, free, p)
     dw = a.acceleration(motor_current(m.w, m.I, m.inner.c, slow, late, load, 1.0, p), load, p)
     dx, dc = mass_rate(m, load, free, p), zeros_like(m.w)
     if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
@@ -189,8 +201,11 @@ def breakaway(m, slow, late, theta, free, p):
     """Sign in which the drive overcomes friction at rest, 0 where friction holds."""
     still = zeros_like(m.I)
     push = p[a.KM] * motor_current(still, m.I, m.inner.c, slow, late, still, 0.0, p)
-    push = push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque
-    hold, asymmetry = a.friction(still, m.x, theta, p), p[a.FRICTION_ASYMMETRY]
+    hold = a.friction(still, m.x, theta, p) + a.transmission_loss(still, push, push, p)
+    push, asymmetry = (
+        push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque,
+        p[a.FRICTION_ASYMMETRY],
+    )
     return where_above(push, asymmetry + hold, 1.0, where_above(asymmetry - hold, push, -1.0, still))
 
 
@@ -354,7 +369,7 @@ def sampled_force(s, m, force, t, theta, p):
     The sign builds up over SIGN_LENGTH of travel.
     """
     free = Free(zeros_like(m.w), zeros_like(m.w))
-    load = applied(s, m, theta, free, p)
+    load = applied(s, m, force * p[a.D], theta, free, p)
     w = m.w + t * ((force * p[a.D] - load) / a.inertia(p))
     faster = Motion(w, m.I, m.x, m.d, m.inner)
     travel = t * mass_rate(faster, load, free, p)

@@ -28,6 +28,7 @@ _FORMS = (
     "stribeck_speed",
     "shaft_order",
     "gear_order",
+    "rotor_share",
     "accel_ahead",
     "screw_lead",
     "heating_time",

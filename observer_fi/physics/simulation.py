@@ -69,9 +69,8 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
 @inlined
 def _current(m, slow, late, theta, free, p):
     """Current of the motor as it moves, or rests [A]."""
-    return plant.motor_current(
-        m.w, m.I, m.inner.c, slow, late, plant.applied(copysign(1.0, m.w), m, theta, free, p), abs(m.w), p
-    )
+    load = plant.applied(copysign(1.0, m.w), m, plant.driving(m, slow, late, p), theta, free, p)
+    return plant.motor_current(m.w, m.I, m.inner.c, slow, late, load, abs(m.w), p)
 
 
 @inlined

@@ -37,6 +37,8 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
     "torque_offset: plain": (("torque_offset", {"offset": 1e-4}), {"torque_offset": 1e-4}),
     "asymmetric_friction: plain": (("asymmetric_friction", {"ratio": 0.3}), {"friction_asymmetry": 0.3 * P["A"]}),
     "load_dependent_friction: plain": (("load_dependent_friction", {"ratio": 0.5}), {"load_friction": 0.5}),
+    "load_dependent_friction: with the motor's torque": (
+        ("load_dependent_friction", {"loss": 0.1}), {"torque_friction": 0.1}),
     "position_dependent_friction: linear": (
         ("position_dependent_friction", {"gradient": 0.2}), {"friction_slope": 0.2}),
     "shaft_ripple: order 1": (("shaft_ripple", {"amplitude": 2e-5}), {"shaft_ripple_sin": 2e-5}),
@@ -84,6 +86,7 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
 }  # fmt: skip
 # Forms that the truth does not have: by the package's own simulation.
 OWN: dict[str, dict[str, float]] = {
+    "load_dependent_friction: with the torque behind the rotor": {"torque_friction": 0.1, "rotor_share": 1.0},
     "position_dependent_friction: quadratic": {"friction_slope": 0.1, "friction_curvature": 100.0},
     "position_dependent_friction: bump at 0.30 mm": {
         "friction_bump": 6e-5,
@@ -100,7 +103,7 @@ OWN: dict[str, dict[str, float]] = {
 EVERY = (*HIDDEN, *OWN)
 FAST = (
     "backlash: play", "voltage_delay: plain", "supply_sag: drift", "current_lag: of the current", "position_lag: first-order lag",
-    "position_delay: plain",
+    "position_delay: plain", "load_dependent_friction: with the motor's torque",
 )  # fmt: skip
 
 

@@ -81,8 +81,10 @@ CAUSES = _table(
     Cause("asymmetric_friction", "torque", "A*ratio*|sgn(w)|: A*(1 + ratio) forward, A*(1 - ratio) back", (
         Parameter("ratio", "plant.asymmetry", "1", 2.5e-3, signed=True),
     )),
-    Cause("load_dependent_friction", "torque", "ratio*|B*theta + contact|*sgn(w)", (
+    # 1e-3 of the transmitted torque is as visible as 7e-3 of the axial load.
+    Cause("load_dependent_friction", "torque", "(ratio*|B*theta + contact| + loss*|Km*i|)*sgn(w)", (
         Parameter("ratio", "plant.load_ratio", "1", 7e-3),
+        Parameter("loss", "plant.gear_loss", "1", 0.0),
     )),
     Cause("position_dependent_friction", "torque", "gradient*x*sgn(w), x from the log's zero", (
         Parameter("gradient", "plant.friction_gradient", "N m/m", 2.5e-3, signed=True),

@@ -35,6 +35,7 @@ class Plant(NamedTuple):
     stribeck_speed: float = 50.0
     asymmetry: float = 0.0
     load_ratio: float = 0.0
+    gear_loss: float = 0.0  # share of the motor's torque that the gear turns to friction
     friction_gradient: float = 0.0
     shaft_amplitude: float = 0.0
     shaft_order: float = 1.0
@@ -209,7 +210,8 @@ def forces(p, stops, supply, t, x, w, angle, pitch, heat, way):
     direction = way
     if way == 0.0:
         direction = np.sign(w) if w != 0.0 else np.sign(drive)
-    return i, V, load, drive, friction_torque(p, t, x, w, direction, pitch, contact, V * i), direction
+    friction = friction_torque(p, t, x, w, direction, pitch, contact, V * i)
+    return i, V, load, drive, friction + p.gear_loss * abs(drive + load), direction
 
 
 @njit(cache=True)

@@ -194,7 +194,7 @@ EFFECTS = tuple(name for name, (_, neutral) in a.PARAMETERS.items() if neutral i
 # A size at which each effect shows, away from its neutral value; shapes need the size that they shape.
 SIZES = {
     "viscous_positive": 1e-7, "viscous_negative": 1e-7, "stribeck_torque": 1e-4, "friction_asymmetry": 2e-5,
-    "load_friction": 0.1, "friction_slope": 1e-2, "friction_curvature": 10.0, "friction_bump": 1e-4,
+    "load_friction": 0.1, "torque_friction": 0.1, "friction_slope": 1e-2, "friction_curvature": 10.0, "friction_bump": 1e-4,
     "shaft_ripple_sin": 1e-5, "shaft_ripple_cos": 1e-5, "screw_ripple_sin": 1e-5, "screw_ripple_cos": 1e-5,
     "gravity_cubic": 1e-7, "gravity_quadratic": 1e-6, "gravity_cosine": 0.5, "torque_offset": 1e-5,
     "heating_gain": 0.1, "heating_rise": 0.1, "brush_drop": 0.2, "sag_resistance": 2.0, "supply_drift": -0.5,
@@ -284,6 +284,18 @@ def test_small_torques_add_up() -> None:
     alone = sum(shown(override(WALLED, "one", **{name: sizes[name]})) - base for name in names)
     both = shown(override(WALLED, "both", **sizes)) - base
     np.testing.assert_allclose(both, alone, atol=2e-3 * np.abs(both).max())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize(("s", "drive"), [(1.0, 3e-3), (1.0, -3e-3), (-1.0, 3e-3), (1.0, 2e-4)])
+def test_a_gear_loses_a_share_of_what_the_rotor_leaves_it(s: float, drive: float, share: float) -> None:
+    """friction = k |drive - r J dw/dt| with dw/dt of equation 1 at that very friction; braked and driven."""
+    p = override(PLANT, "geared", torque_friction=0.15, rotor_share=share).vector
+    torque = a.applied_torque(s, 300.0 * s, 0.0, 0.0, 0.0, 2.0, p)
+    loss = a.transmission_loss(s, drive, torque, p)
+    dw = a.acceleration(drive / p[a.KM], torque + s * loss, p)
+    assert loss == pytest.approx(0.15 * abs(drive - share * a.inertia(p) * dw), rel=1e-12)
+    assert loss >= 0.0
 
 
 def test_servo_delay_is_eliminated_exactly() -> None:
