@@ -114,13 +114,14 @@ def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
 @compiled
 def _electrical(k, w, I, slow, w_cmd, p, S):
     """Row k of S: current that a unit of each disturbance between servo and winding drives, and voltage besides R i."""
-    i_cmd = a.command_current(w, I, w_cmd, p)
+    asked = a.command_current(w, I, w_cmd, p)
+    i_cmd, through = a.passed_current(asked, p), a.passes(asked, p)
     i, _, _, by_limit = linear.driven(i_cmd, w, slow, p)
     S[WINDING, k, 0], S[RESISTANCE, k, 0] = 1.0, i
     S[WINDING, k, 1], S[RESISTANCE, k, 1] = -abs(by_limit), -abs(by_limit) * i
     S[SUPPLY, k, 1] = by_limit
     if i == i_cmd:
-        S[SPEED_COMMAND, k, 1], S[CURRENT_COMMAND, k, 1] = p[a.KP], 1.0
+        S[SPEED_COMMAND, k, 1], S[CURRENT_COMMAND, k, 1] = through * p[a.KP], through
 
 
 def response(experiment: Experiment, linear: Linear, kind: int, forcing: Array) -> Array:

@@ -5,6 +5,7 @@ that friction holds. Nothing else in
 the package knows a drive by its name.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer_fi.physics.equations import KI, KM, KX, PARAMETERS, X_WINDOW, A, D
+from observer_fi.physics.equations import DEAD_ZONE, KI, KM, KX, PARAMETERS, X_WINDOW, ZONE_STEP, A, D
 from observer_fi.records import Array
 
 
@@ -90,10 +91,24 @@ _UNKNOWN_INTEGRAL = (
 )
 
 
+_NEXT_TO_NONE = 0.05  # of the threshold of a dead zone: so small a current may be none
+
+
 def held_by_servo(i: Any, p: Array) -> Rest:
     """The integral makes the current, anywhere in the band that friction holds: +-A / (Km Ki), without anti-windup."""
     pull = float(p[KM] * p[KI])
-    return Rest(i, i / p[KI] if p[KI] else 0.0 * i, 0.5 * (float(p[A]) / pull if pull else _UNKNOWN_INTEGRAL))
+    if not pull:
+        return Rest(i, i / p[KI] if p[KI] else 0.0 * i, 0.5 * _UNKNOWN_INTEGRAL)
+    return Rest(
+        i, _before_dead_zone(i, p) / p[KI], math.hypot(0.5 * float(p[A]) / pull, p[DEAD_ZONE] / p[KI])
+    )
+
+
+def _before_dead_zone(i: Any, p: Array) -> Any:
+    """What a servo asks for that drives the current i [A]: where next to none flows, anything within the zone."""
+    size = np.abs(i)
+    hidden = np.minimum(size / _NEXT_TO_NONE, p[DEAD_ZONE])
+    return np.sign(i) * (np.maximum(size, hidden) if p[ZONE_STEP] else size + hidden)
 
 
 def unloaded(i: Any, p: Array) -> Rest:

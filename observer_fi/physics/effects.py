@@ -351,6 +351,20 @@ def _delay(parameter: str, share: float) -> Forms:
     )
 
 
+def _dead_zone(c: Coverage) -> tuple[Variant, ...]:
+    """A share of what friction takes; all of a current above the threshold shows only where a current turns its sign."""
+    most = 10.0 * c.current
+    return (
+        Variant("what is beyond it", (Term("dead_zone", 0.01 * c.current, 0.0, most),), seen_by=(MOVES,)),
+        Variant(
+            "all above it",
+            (Term("dead_zone", 0.2 * c.current, 0.0, most),),
+            (("zone_step", 1.0),),
+            seen_by=(MOVES,),
+        ),
+    )
+
+
 def _clamp(c: Coverage) -> tuple[Variant, ...]:
     term = Term("integrator_limit", 0.99 * c.integral, 5e-4 * c.integral)
     return (Variant("plain", (term,), seen_by=(MOVES,)),)
@@ -510,6 +524,13 @@ _TABLE = (
         _slew,
         confused_with=("integrator_clamp",),
         separate_by="starts to several speeds, one below saturation",
+    ),
+    Cause(
+        "dead_zone", "servo", "i = i_cmd - clip(i_cmd, +-zone), or 0 where |i_cmd| < zone and i_cmd elsewhere",
+        "threshold of a servo valve or of a bridge's dead time",
+        _dead_zone,
+        confused_with=("current_lag", "input_delay"),
+        separate_by="slow moves and rests, at which the current is small, with the commanded current logged",
     ),
     Cause(
         "backlash", "kinematics", "the mass follows D phi within +-gap/2", "play of the nut",

@@ -93,6 +93,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "current_lag": ("s", 0.0),
     "lag_behind_limit": ("1", 0.0),
     "input_delay": ("s", 0.0),
+    "dead_zone": ("A", 0.0),
+    "zone_step": ("1", 0.0),
     "integrator_limit": ("rad", math.inf),
     "accel_limit": ("rad/s^2", math.inf),
     "accel_ahead": ("1", 0.0),
@@ -190,6 +192,8 @@ VECTOR_SIZE = len(NAMES) + 1
     CURRENT_LAG,
     LAG_BEHIND_LIMIT,
     INPUT_DELAY,
+    DEAD_ZONE,
+    ZONE_STEP,
     INTEGRATOR_LIMIT,
     ACCEL_LIMIT,
     ACCEL_AHEAD,
@@ -298,6 +302,21 @@ def late_current(i_cmd, torque, p):
     """
     k = p[KP] * p[SERVO_DELAY] / inertia(p)
     return (i_cmd - k * torque) / (1.0 - k * p[KM])
+
+
+@inlined
+def passed_current(i_cmd, p):
+    """What a servo's dead zone lets through: nothing below the threshold, what is beyond it or all of it above [A]."""
+    if any_of_rare(p[EXTENDED]) and any_of_rare(p[DEAD_ZONE]):
+        taken = copysign((1.0 - p[ZONE_STEP]) * p[DEAD_ZONE], i_cmd)
+        i_cmd = where_above(p[DEAD_ZONE], abs(i_cmd), 0.0, i_cmd - taken)
+    return i_cmd
+
+
+@inlined
+def passes(i_cmd, p):
+    """Slope of `passed_current`: 0 in the dead zone, else 1."""
+    return where_above(p[DEAD_ZONE], abs(i_cmd), 0.0, 1.0)
 
 
 @inlined

@@ -17,7 +17,7 @@ _SCALE = 1e-6  # m: the same for what the position sensor makes of a position
 
 @inlined
 def driven(i_cmd, w, slow, p):
-    """The current that a commanded one leads to, and its slopes by w, I and the limit of the supply."""
+    """The current that a commanded one, behind the dead zone, leads to; its slopes by w, I and the limit of the supply."""
     i = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
     by_w, by_I, by_V, short = -p[a.KP], p[a.KI], zeros_like(i), abs(i - i_cmd)
     if any_of_rare(short):
@@ -39,7 +39,9 @@ def motion_slopes(m, slow, w_cmd, theta, free, p):
     Friction keeps its sign; effects of the torque are differentiated numerically, everything else exactly.
     """
     s = where_above(m.w, 0.0, 1.0, -1.0)
-    i, di_dw, di_dI, di_dV = driven(a.command_current(m.w, m.I, w_cmd, p), m.w, slow, p)
+    i_cmd = a.command_current(m.w, m.I, w_cmd, p)
+    i, di_dw, di_dI, di_dV = driven(a.passed_current(i_cmd, p), m.w, slow, p)
+    di_dw, di_dI = a.passes(i_cmd, p) * di_dw, a.passes(i_cmd, p) * di_dI
     per_J = 1.0 / a.inertia(p)
     load = _load_of(s, m, slow, w_cmd, theta, free, p)
     by_w, by_I, by_x = p[a.KM] * di_dw * per_J, p[a.KM] * di_dI * per_J, zeros_like(load)
@@ -84,8 +86,12 @@ def electrical_readings(w, I, c, slow, w_cmd, p, supply):
     """
     i_cmd = plant.motion_command(w, I, c, w_cmd, p)
     if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.LAG_BEHIND_LIMIT]):
-        i_cmd = where_above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, a.command_current(w, I, w_cmd, p), i_cmd)
+        i_cmd = where_above(
+            abs(p[a.LAG_BEHIND_LIMIT]), 0.0, a.passed_current(a.command_current(w, I, w_cmd, p), p), i_cmd
+        )
     i, di_dw, di_dI, di_dV = driven(i_cmd, w, slow, p)
+    through = a.passes(a.command_current(w, I, w_cmd, p), p)
+    di_dw, di_dI = through * di_dw, through * di_dI
     i, di_dV = plant.behind_limit(i, c, p), di_dV * supply
     resistance = p[a.RM] * (1.0 + slow.h)
     V, shown, gain = a.terminal_voltage(i, w, slow.h, p), i, 1.0 + zeros_like(w)

@@ -101,8 +101,8 @@ def slow_into(row, first, slow):
 
 @inlined
 def motion_command(w, I, c, late, p):
-    """Equation 3, or the lagged current c in its place where the servo lags [A]. late: command [rad/s]."""
-    i_cmd = a.command_current(w, I, late, p)
+    """Equation 3 behind the dead zone, or the lagged current c in its place where the servo lags [A]. late: command [rad/s]."""
+    i_cmd = a.passed_current(a.command_current(w, I, late, p), p)
     if any_of_rare(p[a.EXTENDED]):
         i_cmd = where_above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
     return i_cmd
@@ -118,6 +118,7 @@ def motor_current(w, I, c, slow, late, torque, moving, p):
     if any_of_rare(p[a.EXTENDED]):
         if any_of_rare(p[a.SERVO_DELAY]):
             i_cmd = where_above(moving, 0.0, a.late_current(i_cmd, torque, p), i_cmd)
+        i_cmd = a.passed_current(i_cmd, p)
         i_cmd = where_above(p[a.CURRENT_LAG], 0.0, c, i_cmd)
     i = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
     return behind_limit(i, c, p)
@@ -134,6 +135,7 @@ def behind_limit(i, c, p):
 @inlined
 def lag_goal(i_cmd, w, slow, p):
     """What the lagged current tends to: the command, or what the supply allows of it where the current itself lags [A]."""
+    i_cmd = a.passed_current(i_cmd, p)
     allowed = a.limited_current(i_cmd, w, slow.h, slow.sag + slow.drift, p)
     return where_above(abs(p[a.LAG_BEHIND_LIMIT]), 0.0, allowed, i_cmd)
 

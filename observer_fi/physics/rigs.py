@@ -30,6 +30,7 @@ _FORMS = (
     "gear_order",
     "rotor_share",
     "accel_ahead",
+    "zone_step",
     "screw_lead",
     "heating_time",
     "sag_time",

@@ -157,7 +157,7 @@ def _start(state: Array, w_cmd: float, p: Array) -> Array:
     start[sim.W], start[sim.I], start[sim.X] = state
     start[sim.MASS] = state[2]
     start[sim.PHI] = state[2] / p[a.D]
-    start[sim.LAGGED] = a.command_current(state[0], state[1], w_cmd, p)
+    start[sim.LAGGED] = a.passed_current(a.command_current(state[0], state[1], w_cmd, p), p)
     return start
 
 

@@ -62,6 +62,9 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
     "supply_sag: drift": (("supply_sag", {"resistance": 0.0, "drift": 0.25, "recovery": 0.1}), {"supply_drift": 0.25}),
     "current_lag: of the command": (("current_lag", {"lag": 1e-3}), {"current_lag": 1e-3}),
     "input_delay: plain": (("input_delay", {"delay": 2e-3}), {"input_delay": 2e-3}),
+    "dead_zone: what is beyond it": (("dead_zone", {"threshold": 5e-3}), {"dead_zone": 5e-3}),
+    "dead_zone: all above it": (
+        ("dead_zone", {"threshold": 1e-2, "jump": 1.0}), {"dead_zone": 1e-2, "zone_step": 1.0}),
     "integrator_clamp: plain": (("integrator_clamp", {"limit": 2.0}), {"integrator_limit": 2.0}),
     "acceleration_limit: plain": (("acceleration_limit", {"limit": 2e4}), {"accel_limit": 2e4}),
     "backlash: play": (("backlash", {"width": 2e-4}), {"backlash": 2e-4}),
@@ -104,6 +107,7 @@ EVERY = (*HIDDEN, *OWN)
 FAST = (
     "backlash: play", "voltage_delay: plain", "supply_sag: drift", "current_lag: of the current", "position_lag: first-order lag",
     "position_delay: plain", "load_dependent_friction: with the motor's torque",
+    "dead_zone: what is beyond it",
 )  # fmt: skip
 
 

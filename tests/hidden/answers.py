@@ -20,6 +20,7 @@ _SIZES = {
     "supply_sag": ("resistance", "sag_resistance"),
     "current_lag": ("lag", "current_lag"),
     "input_delay": ("delay", "input_delay"),
+    "dead_zone": ("threshold", "dead_zone"),
     "integrator_clamp": ("limit", "integrator_limit"),
     "acceleration_limit": ("limit", "accel_limit"),
     "backlash": ("width", "backlash"),

@@ -125,6 +125,10 @@ CAUSES = _table(
     Cause("input_delay", "servo", "the servo follows w_cmd(t - delay); the log shows w_cmd(t)", (
         Parameter("delay", "command.delay", "s", 2e-4),
     )),
+    Cause("dead_zone", "servo", "0 below the threshold; sgn(i_cmd)*(|i_cmd| - threshold) above, i_cmd there at jump = 1", (
+        Parameter("threshold", "servo.dead_zone", "A", 2e-4),
+        Parameter("jump", "servo.dead_jump", "1", 0.0),
+    )),
     Cause("integrator_clamp", "servo", "|I| <= limit; nominal full-speed starts reach 3.4 rad", (
         Parameter("limit", "servo.integral_limit", "rad", 0.03, neutral=3.4, role="limit"),
     )),

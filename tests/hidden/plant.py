@@ -92,6 +92,8 @@ class Servo(NamedTuple):
     Ki: float
     current_lag: float = 0.0  # s
     integral_limit: float = np.inf  # rad
+    dead_zone: float = 0.0  # A
+    dead_jump: float = 0.0  # 1: what is above the threshold comes through whole
     encoder_step: float = 0.0
     Kx: float = 0.0  # 1/s, of a position loop around it that sees its encoder; 0 = none
     window: float = 0.0  # rad, within which that loop asks for no speed
@@ -248,6 +250,15 @@ def advance(p, stops, supply, t, h, body, pitch, heat):
 
 
 @njit(cache=True)
+def through_dead_zone(servo, asked):
+    """What of the current that the controller asks for [A] reaches the bridge."""
+    excess = abs(asked) - servo.dead_zone
+    if excess <= 0.0:
+        return asked if servo.dead_zone == 0.0 else 0.0
+    return np.sign(asked) * (abs(asked) if servo.dead_jump > 0.0 else excess)
+
+
+@njit(cache=True)
 def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, record_every, start):
     """Integrate and record. start = (x, I), at rest. Returns the rows of Motion and the final stops.
 
@@ -261,7 +272,7 @@ def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, rec
     stops = (before.stop_low, before.stop_high)
     body = (start[0], 0.0, 0.0, before.play * before.play_start)
     integral = start[1]
-    asked = wanted = servo.Ki * integral
+    asked = wanted = through_dead_zone(servo, servo.Ki * integral)
     heat, sag, w_filtered, seen_angle = 0.0, 0.0, 0.0, 0.0
     half_decay = np.exp(-0.5 * h / servo.current_lag) if servo.current_lag > 0.0 else 0.0
     sag_gain = 1.0 - np.exp(-h / before.sag_time)
@@ -284,7 +295,7 @@ def run(plants, switch_steps, servo, command, pitch, step_s, steps_per_tick, rec
                 speed_seen = w_filtered
             integral += (w_command - w_seen) * tick_s
             integral = min(max(integral, -servo.integral_limit), servo.integral_limit)
-            asked = servo.Kp * (w_command - speed_seen) + servo.Ki * integral
+            asked = through_dead_zone(servo, servo.Kp * (w_command - speed_seen) + servo.Ki * integral)
         if servo.current_lag == 0.0:
             wanted = asked
         limit = max(0.0, p.Vmax - sag - p.supply_drift * t)

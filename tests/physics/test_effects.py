@@ -15,7 +15,7 @@ CONTRACT = {
     "torque": "viscous_friction stribeck_friction asymmetric_friction load_dependent_friction "
     "position_dependent_friction shaft_ripple gear_ripple screw_ripple gravity_nonlinearity torque_offset",
     "electrical": "winding_heating brush_drop supply_sag",
-    "servo": "current_lag input_delay integrator_clamp acceleration_limit",
+    "servo": "current_lag input_delay dead_zone integrator_clamp acceleration_limit",
     "kinematics": "backlash partial_slip",
     "contact": "contact_exponent contact_damping",
     "sensor:position": "position_lag position_delay position_gain position_periodic_error",

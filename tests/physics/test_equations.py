@@ -198,7 +198,7 @@ SIZES = {
     "shaft_ripple_sin": 1e-5, "shaft_ripple_cos": 1e-5, "screw_ripple_sin": 1e-5, "screw_ripple_cos": 1e-5,
     "gravity_cubic": 1e-7, "gravity_quadratic": 1e-6, "gravity_cosine": 0.5, "torque_offset": 1e-5,
     "heating_gain": 0.1, "heating_rise": 0.1, "brush_drop": 0.2, "sag_resistance": 2.0, "supply_drift": -0.5,
-    "servo_delay": 1e-4, "current_lag": 5e-4, "input_delay": 5e-4, "integrator_limit": 1.0, "accel_limit": 2e4,
+    "servo_delay": 1e-4, "current_lag": 5e-4, "input_delay": 5e-4, "dead_zone": 5e-3, "integrator_limit": 1.0, "accel_limit": 2e4,
     "backlash": 5e-5, "slip": 0.02, "slip_per_torque": 20.0, "contact_exponent": 1.5, "contact_damping": 1e-4,
     "contact_drag": 1e-7, "position_lag": 2e-3, "position_delay": 2e-3, "position_gain": 1.02, "position_sin": 1e-5,
     "position_cos": 1e-5, "current_offset": 1e-3, "current_gain": 1.02, "voltage_delay": 1e-3, "voltage_offset": 0.05,
@@ -284,6 +284,14 @@ def test_small_torques_add_up() -> None:
     alone = sum(shown(override(WALLED, "one", **{name: sizes[name]})) - base for name in names)
     both = shown(override(WALLED, "both", **sizes)) - base
     np.testing.assert_allclose(both, alone, atol=2e-3 * np.abs(both).max())
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0])
+def test_a_dead_zone_passes_nothing_below_its_threshold(step: float) -> None:
+    p = override(PLANT, "dead", dead_zone=0.01, zone_step=step).vector
+    for asked, out in ((0.005, 0.0), (-0.009, 0.0), (0.03, 0.02 + 0.01 * step), (-0.03, -0.02 - 0.01 * step)):
+        assert a.passed_current(asked, p) == pytest.approx(out, abs=1e-15)
+        assert a.passes(asked, p) == (out != 0.0)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
