@@ -72,15 +72,16 @@ def linearised(experiment: Experiment, model: Model, states: Array) -> Linear:
         np.zeros((n, 7)), np.zeros(n, dtype=np.bool_), np.zeros((n, 6)), np.zeros((d, n, 3)), np.zeros((d, n, 3))
     )  # fmt: skip
     late = np.ascontiguousarray(commands(experiment, p)[1][:, 0])
-    _fill(dt, states, late, experiment.theta, p, *made)
+    _fill(experiment.t, dt, states, late, experiment.theta, p, *made)
     return made
 
 
 @compiled
-def _fill(dt, states, w_cmd, theta, p, F, held, H, G, S):
+def _fill(now, dt, states, w_cmd, theta, p, F, held, H, G, S):
     for k in range(dt.size):
         w, x, t, inner = states[k, s.W], states[k, s.X], dt[k], plant.inner_in(states[k], s.INNER)
-        d, slow = a.indentation(x, p), plant.Slow(states[k, s.H], states[k, s.SAG], 0.0)
+        d, slow = a.indentation(x, p), plant.Slow(states[k, s.H], states[k, s.SAG], 0.0, 0.0)
+        slow = plant.on_the_clock(slow, now[k], p)
         m, still = plant.Motion(w, states[k, s.I], x, d, inner), plant.Free(0.0, 0.0)
         by_w, by_I, by_x, x_by_w, _, _, _, per_J = linear.motion_slopes(m, slow, w_cmd[k], theta[k], still, p)
         if d != 0.0:

@@ -220,6 +220,22 @@ def _along_the_rails(c: Coverage) -> tuple[Variant, ...]:
     return (Variant("linear", (slope,)), Variant("quadratic", (slope, curvature)), *_bumps(c))
 
 
+def _warmup(c: Coverage) -> tuple[Variant, ...]:
+    """Friction that falls, or rises, from where it is as the log begins; a change that is slower than the log is a slope."""
+    limits = 0.01 * c.length_s, 3.0 * c.length_s
+    return tuple(
+        Variant(
+            f"within {100 * share:.0f} % of the log",
+            (
+                Term("warmup_rise", 0.002, -0.9, 10.0),
+                Term("warmup_time", share * c.length_s, *limits, shape=True),
+            ),
+            seen_by=(MOVES,),
+        )
+        for share in (0.05, 0.2, 0.8)
+    )
+
+
 _PLACES = 13  # widths of a rough spot that the travel is cut into
 
 
@@ -450,6 +466,12 @@ _TABLE = (
         _along_the_rails,
         confused_with=("screw_ripple",),
         separate_by="moves over the whole travel, both directions, two speeds",
+    ),
+    Cause(
+        "friction_warmup", "torque", "friction += r A exp(-t/T), t since the log began", "grease that warms as it is worked",
+        _warmup,
+        confused_with=("winding_heating", "supply_sag"),
+        separate_by="the same move again and again from cold for several minutes, and once more after a rest of an hour",
     ),
     Cause(
         "shaft_ripple", "torque", "torque += T sin(n phi + phase), n whole turns of the motor",

@@ -58,6 +58,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "stribeck_speed": ("rad/s", 30.0),
     "friction_asymmetry": ("N m", 0.0),
     "load_friction": ("1", 0.0),
+    "warmup_rise": ("1", 0.0),
+    "warmup_time": ("s", 60.0),
     "torque_friction": ("1", 0.0),
     "rotor_share": ("1", 0.0),
     "friction_slope": ("N m/m", 0.0),
@@ -159,6 +161,8 @@ VECTOR_SIZE = len(NAMES) + 1
     STRIBECK_SPEED,
     FRICTION_ASYMMETRY,
     LOAD_FRICTION,
+    WARMUP_RISE,
+    WARMUP_TIME,
     TORQUE_FRICTION,
     ROTOR_SHARE,
     FRICTION_SLOPE,
@@ -370,7 +374,7 @@ measured_speed = inlined(speed_behind_readings)
 @inlined
 def friction(w, x, theta, p):
     """Friction torque for motion at full slip, without its sign [N m] (A of equation 7, A' of equation 13)."""
-    drag = p[COUPLING] * p[A] + (1.0 - p[COUPLING]) * p[A_DECOUPLED]
+    drag = coulomb_friction(p)
     if any_of_rare(p[EXTENDED]):
         if any_of_rare(p[STRIBECK_TORQUE]):
             ratio = w / p[STRIBECK_SPEED]
@@ -387,6 +391,18 @@ def friction(w, x, theta, p):
         if any_of_rare(has_curve):
             drag += has_curve * curve_torque(w, x, zeros_like(x), theta, p)
     return maximum(drag, 0.0)
+
+
+@inlined
+def coulomb_friction(p):
+    """A, or A' with the mass decoupled (equation 12) [N m]."""
+    return p[COUPLING] * p[A] + (1.0 - p[COUPLING]) * p[A_DECOUPLED]
+
+
+@inlined
+def cold_rise(now, p):
+    """Relative rise of the Coulomb friction of a rig whose grease is cold as its log begins [1]; now: on the log's clock [s]."""
+    return p[WARMUP_RISE] * exp(-now / p[WARMUP_TIME])
 
 
 @inlined

@@ -29,7 +29,7 @@ def driven(i_cmd, w, slow, p):
 
 @inlined
 def _load_of(s, m, slow, w_cmd, theta, free, p):
-    return plant.applied(s, m, plant.driving(m, slow, w_cmd, p), theta, free, p)
+    return plant.applied(s, m, slow, plant.driving(m, slow, w_cmd, p), theta, free, p)
 
 
 @inlined

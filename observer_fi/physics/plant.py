@@ -35,11 +35,14 @@ class Motion(NamedTuple):
 
 
 class Slow(NamedTuple):
-    """States that a step holds: relative rise h of the winding's resistance [1], sag [V] of the supply and its drift [V]."""
+    """States that a step holds: relative rise h of the winding's resistance [1], sag [V] of the supply and its drift [V], and
+    the relative rise of the friction of cold grease [1].
+    """
 
     h: Any
     sag: Any
     drift: Any
+    cold: Any
 
 
 class Command(NamedTuple):
@@ -87,13 +90,13 @@ def inner_into(row, first, inner):
 @inlined
 def slow_in(row, first):
     """`Slow` of SLOW numbers of an array."""
-    return Slow(row[first], row[first + 1], row[first + 2])
+    return Slow(row[first], row[first + 1], row[first + 2], row[first + 3])
 
 
 @inlined
 def slow_into(row, first, slow):
     """`Slow` into an array."""
-    row[first], row[first + 1], row[first + 2] = slow.h, slow.sag, slow.drift
+    row[first], row[first + 1], row[first + 2], row[first + 3] = slow.h, slow.sag, slow.drift, slow.cold
 
 
 # --- rates ---------------------------------------------------------------------------------------
@@ -170,11 +173,13 @@ def driving(m, slow, late, p):
 
 
 @inlined
-def applied(s, m, drive, theta, free, p):
+def applied(s, m, slow, drive, theta, free, p):
     """Torque against the motor that moves in direction s, driven by `drive` (equations 7, 11, 13) [N m]."""
     torque = a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free.torque
-    if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.TORQUE_FRICTION]):
-        torque += s * a.transmission_loss(s, drive, torque, p)
+    if any_of_rare(p[a.EXTENDED]):
+        torque += s * slow.cold * a.coulomb_friction(p)
+        if any_of_rare(p[a.TORQUE_FRICTION]):
+            torque += s * a.transmission_loss(s, drive, torque, p)
     return torque
 
 
@@ -187,7 +192,7 @@ def mass_rate(m, load, free, p):
 @inlined
 def rates(s, m, slow, now, late, theta, free, p):
     """Rates of every state of `Motion`. s: sign of motion; now, late: command [rad/s]; theta: pitch [deg]."""
-    load = applied(s, m, driving(m, slow, late, p), theta, free, p)
+    load = applied(s, m, slow, driving(m, slow, late, p), theta, free, p)
     dw = a.acceleration(motor_current(m.w, m.I, m.inner.c, slow, late, load, 1.0, p), load, p)
     dx, dc = mass_rate(m, load, free, p), zeros_like(m.w)
     if any_of_rare(p[a.EXTENDED]) and any_of_rare(p[a.CURRENT_LAG]):
@@ -203,7 +208,11 @@ def breakaway(m, slow, late, theta, free, p):
     """Sign in which the drive overcomes friction at rest, 0 where friction holds."""
     still = zeros_like(m.I)
     push = p[a.KM] * motor_current(still, m.I, m.inner.c, slow, late, still, 0.0, p)
-    hold = a.friction(still, m.x, theta, p) + a.transmission_loss(still, push, push, p)
+    hold = (
+        a.friction(still, m.x, theta, p)
+        + slow.cold * a.coulomb_friction(p)
+        + a.transmission_loss(still, push, push, p)
+    )
     push, asymmetry = (
         push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque,
         p[a.FRICTION_ASYMMETRY],
@@ -334,7 +343,7 @@ def _held(moves, m, slow, left, rests, u, free, p):
 @inlined
 def settled(slow, i, t, now, p):
     """The slow states after a time t of the current i [A]; now: time at its end on the log's clock [s]."""
-    h, sag, drift = slow.h, slow.sag, slow.drift
+    h, sag = slow.h, slow.sag
     if any_of_rare(p[a.EXTENDED]):
         h = h + t * a.heating(i, h, p)
         if any_of_rare(p[a.SAG_RESISTANCE]):
@@ -342,8 +351,18 @@ def settled(slow, i, t, now, p):
             sag = where_above(
                 abs(p[a.SAG_RESISTANCE]), 0.0, goal + (sag - goal) * exp(-t / p[a.SAG_TIME]), sag
             )
+    return on_the_clock(Slow(h, sag, slow.drift, slow.cold), now, p)
+
+
+@inlined
+def on_the_clock(slow, now, p):
+    """The slow states with those that follow from the time on the log's clock alone, `now` [s]."""
+    drift, cold = slow.drift, slow.cold
+    if any_of_rare(p[a.EXTENDED]):
         drift = p[a.SUPPLY_DRIFT] * now
-    return Slow(h, sag, drift)
+        if any_of_rare(p[a.WARMUP_RISE]):
+            cold = a.cold_rise(now, p)
+    return Slow(slow.h, slow.sag, drift, cold)
 
 
 @inlined
@@ -371,7 +390,8 @@ def sampled_force(s, m, force, t, theta, p):
     The sign builds up over SIGN_LENGTH of travel.
     """
     free = Free(zeros_like(m.w), zeros_like(m.w))
-    load = applied(s, m, force * p[a.D], theta, free, p)
+    warm = Slow(free.torque, free.torque, free.torque, free.torque)
+    load = applied(s, m, warm, force * p[a.D], theta, free, p)
     w = m.w + t * ((force * p[a.D] - load) / a.inertia(p))
     faster = Motion(w, m.I, m.x, m.d, m.inner)
     travel = t * mass_rate(faster, load, free, p)

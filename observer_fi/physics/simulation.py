@@ -38,11 +38,11 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
     """As `run`, of numbers or rows. pace: the parameters that say how many steps an interval has."""
     x, mass, none = start[X], start[MASS], zeros_like(start[X])
     m = plant.Motion(start[W], start[I], x, a.indentation(x, p), plant.inner_in(start, INNER))
-    slow, free = plant.Slow(start[H], start[SAG], none), plant.Free(none, none)
+    slow, free = plant.Slow(start[H], start[SAG], none, none), plant.Free(none, none)
     extended, n = any_of_rare(p[a.EXTENDED]), t.size
     for j in range(n):
         if extended:
-            slow = plant.Slow(slow.h, slow.sag, p[a.SUPPLY_DRIFT] * t[j])
+            slow = plant.on_the_clock(slow, t[j], p)
         i = _current(m, slow, late[j, 0], theta[j], free, p)
         out[j, W], out[j, I], out[j, X] = m.w, m.I, m.x
         for k in range(plant.INNER):
@@ -69,7 +69,7 @@ def _run(t, commands, late, fine, theta, p, pace, start, out, steps):
 @inlined
 def _current(m, slow, late, theta, free, p):
     """Current of the motor as it moves, or rests [A]."""
-    load = plant.applied(copysign(1.0, m.w), m, plant.driving(m, slow, late, p), theta, free, p)
+    load = plant.applied(copysign(1.0, m.w), m, slow, plant.driving(m, slow, late, p), theta, free, p)
     return plant.motor_current(m.w, m.I, m.inner.c, slow, late, load, abs(m.w), p)
 
 

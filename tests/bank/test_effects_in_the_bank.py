@@ -41,6 +41,9 @@ HIDDEN: dict[str, tuple[tuple[str, dict[str, float]], dict[str, float]]] = {
         ("load_dependent_friction", {"loss": 0.1}), {"torque_friction": 0.1}),
     "position_dependent_friction: linear": (
         ("position_dependent_friction", {"gradient": 0.2}), {"friction_slope": 0.2}),
+    **{f"friction_warmup: within {name} % of the log": (
+        ("friction_warmup", {"rise": 0.4, "time": time}), {"warmup_rise": 0.4, "warmup_time": time},
+    ) for name, time in (("5", 0.3), ("20", 1.2), ("80", 4.8))},
     "shaft_ripple: order 1": (("shaft_ripple", {"amplitude": 2e-5}), {"shaft_ripple_sin": 2e-5}),
     **{f"shaft_ripple: order {k}": (
         ("shaft_ripple", {"amplitude": 1e-4, "order": float(k), "phase": 1.0}),
@@ -107,7 +110,7 @@ EVERY = (*HIDDEN, *OWN)
 FAST = (
     "backlash: play", "voltage_delay: plain", "supply_sag: drift", "current_lag: of the current", "position_lag: first-order lag",
     "position_delay: plain", "load_dependent_friction: with the motor's torque",
-    "dead_zone: what is beyond it",
+    "dead_zone: what is beyond it", "friction_warmup: within 20 % of the log",
 )  # fmt: skip
 
 

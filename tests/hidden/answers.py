@@ -12,6 +12,7 @@ _SIZES = {
     "viscous_friction": ("plus", "viscous_positive"),
     "stribeck_friction": ("rise", "stribeck_torque"),
     "load_dependent_friction": ("ratio", "load_friction"),
+    "friction_warmup": ("rise", "warmup_rise"),
     "position_dependent_friction": ("gradient", "friction_slope"),
     "gravity_nonlinearity": ("cubic", "gravity_cubic"),
     "torque_offset": ("offset", "torque_offset"),

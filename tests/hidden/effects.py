@@ -89,6 +89,10 @@ CAUSES = _table(
     Cause("position_dependent_friction", "torque", "gradient*x*sgn(w), x from the log's zero", (
         Parameter("gradient", "plant.friction_gradient", "N m/m", 2.5e-3, signed=True),
     )),
+    Cause("friction_warmup", "torque", "A*rise*exp(-t/time)*sgn(w)", (
+        Parameter("rise", "plant.warmup", "1", 6e-3, signed=True),
+        Parameter("time", "plant.warmup_time", "s", 5.0, role="shape"),
+    )),
     Cause("shaft_ripple", "torque", "amplitude*sin(order*phi + phase)", (
         Parameter("amplitude", "plant.shaft_amplitude", "N m", 2e-6),
         Parameter("order", "plant.shaft_order", "per motor turn", 1.0, role="shape"),
@@ -180,9 +184,6 @@ CAUSES = _table(
 )  # fmt: skip
 
 OUTSIDE = _table(
-    _outside("friction_warmup", ("torque",), ("time", "temperature"), "A*rise*exp(-t/time)*sgn(w)",
-        Parameter("rise", "plant.warmup", "1", 6e-3, signed=True),
-        Parameter("time", "plant.warmup_time", "s", 5.0, role="shape")),
     _outside("power_torque", ("torque",), ("current", "load", "speed"), "coefficient*|Vs*i|*sgn(w)",
         Parameter("coefficient", "plant.power_torque", "N m/W", 1e-6)),
     _outside("torque_bump", ("torque",), ("position", "screw_angle"), "peak*exp(-((x - position)/width)^2)",

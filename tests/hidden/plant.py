@@ -37,6 +37,8 @@ class Plant(NamedTuple):
     load_ratio: float = 0.0
     gear_loss: float = 0.0  # share of the motor's torque that the gear turns to friction
     friction_gradient: float = 0.0
+    warmup: float = 0.0
+    warmup_time: float = 5.0
     shaft_amplitude: float = 0.0
     shaft_order: float = 1.0
     shaft_phase: float = 0.0
@@ -61,8 +63,6 @@ class Plant(NamedTuple):
     contact_exponent: float = 2.0
     contact_damping: float = 0.0
     # outside the vocabulary of causes
-    warmup: float = 0.0
-    warmup_time: float = 5.0
     power_torque: float = 0.0
     bump_peak: float = 0.0
     bump_position: float = 0.0

@@ -28,17 +28,17 @@ RANGES = {
     "by_I": (0.0, 2e4), "by_x": (-1e4, 1e4), "by_d": (-1e4, 1e4), "x_by_w": (0.0, 2e-6), "w_slope": (-1e3, 1e3),
     "x_slope": (-1e-3, 1e-3), "supply": (0.0, 15.0), "r": (-2e-3, 2e-3), "emf": (-15.0, 15.0), "R": (20.0, 22.0),
     "limit": (10.0, 15.0), "what": (0.0, 5.0), "given": (0.0, 6.0), "code": (0.0, 6.0),
-    "drive": (-1e-2, 1e-2), "asked": (-0.1, 0.1), "cold": (0.0, 0.5),
+    "drive": (-1e-2, 1e-2), "now": (0.0, 30.0),
 }  # fmt: skip
 SIZES = {
     "viscous_positive": 1e-7, "viscous_negative": 2e-7, "stribeck_torque": 1e-4, "friction_asymmetry": 2e-5,
     "load_friction": 0.1, "friction_slope": 1e-2, "friction_curvature": 10.0, "friction_bump": 1e-4, "shaft_ripple_sin": 1e-5,
     "screw_ripple_cos": 1e-5, "gravity_cubic": 1e-7, "gravity_quadratic": 1e-6, "gravity_cosine": 0.5, "torque_offset": 1e-5,
     "heating_gain": 0.1, "heating_rise": 0.1, "brush_drop": 0.2, "sag_resistance": 2.0, "servo_delay": 1e-4, "current_lag": 5e-4,
-    "dead_zone": 5e-3, "integrator_limit": 1.0, "slip": 0.02, "slip_per_torque": 20.0, "contact_exponent": 1.5, "contact_damping": 1e-4,
+    "integrator_limit": 1.0, "slip": 0.02, "slip_per_torque": 20.0, "contact_exponent": 1.5, "contact_damping": 1e-4,
     "contact_drag": 1e-7, "position_lag": 2e-3, "position_gain": 1.02, "position_sin": 1e-5, "position_cos": 1e-5,
     "current_offset": 1e-3, "current_gain": 1.02, "voltage_offset": 0.05, "pitch_offset": 0.5,
-    "torque_friction": 0.1,
+    "torque_friction": 0.1, "warmup_rise": 0.3, "dead_zone": 5e-3,
 }  # fmt: skip
 CURVES = [
     Curve("torque", "position", True, -1e-3, 1e-3, (0.0, 1e-5, -2e-5)),

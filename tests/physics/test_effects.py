@@ -13,7 +13,7 @@ from observer_fi.records import Log
 
 CONTRACT = {
     "torque": "viscous_friction stribeck_friction asymmetric_friction load_dependent_friction "
-    "position_dependent_friction shaft_ripple gear_ripple screw_ripple gravity_nonlinearity torque_offset",
+    "position_dependent_friction friction_warmup shaft_ripple gear_ripple screw_ripple gravity_nonlinearity torque_offset",
     "electrical": "winding_heating brush_drop supply_sag",
     "servo": "current_lag input_delay dead_zone integrator_clamp acceleration_limit",
     "kinematics": "backlash partial_slip",

@@ -194,7 +194,7 @@ EFFECTS = tuple(name for name, (_, neutral) in a.PARAMETERS.items() if neutral i
 # A size at which each effect shows, away from its neutral value; shapes need the size that they shape.
 SIZES = {
     "viscous_positive": 1e-7, "viscous_negative": 1e-7, "stribeck_torque": 1e-4, "friction_asymmetry": 2e-5,
-    "load_friction": 0.1, "torque_friction": 0.1, "friction_slope": 1e-2, "friction_curvature": 10.0, "friction_bump": 1e-4,
+    "load_friction": 0.1, "friction_slope": 1e-2, "friction_curvature": 10.0, "friction_bump": 1e-4,
     "shaft_ripple_sin": 1e-5, "shaft_ripple_cos": 1e-5, "screw_ripple_sin": 1e-5, "screw_ripple_cos": 1e-5,
     "gravity_cubic": 1e-7, "gravity_quadratic": 1e-6, "gravity_cosine": 0.5, "torque_offset": 1e-5,
     "heating_gain": 0.1, "heating_rise": 0.1, "brush_drop": 0.2, "sag_resistance": 2.0, "supply_drift": -0.5,
@@ -202,7 +202,7 @@ SIZES = {
     "backlash": 5e-5, "slip": 0.02, "slip_per_torque": 20.0, "contact_exponent": 1.5, "contact_damping": 1e-4,
     "contact_drag": 1e-7, "position_lag": 2e-3, "position_delay": 2e-3, "position_gain": 1.02, "position_sin": 1e-5,
     "position_cos": 1e-5, "current_offset": 1e-3, "current_gain": 1.02, "voltage_delay": 1e-3, "voltage_offset": 0.05,
-    "pitch_offset": 0.5,
+    "pitch_offset": 0.5, "torque_friction": 0.1, "warmup_rise": 0.3,
 }  # fmt: skip
 
 
@@ -323,7 +323,7 @@ def test_equations_run_without_numba() -> None:
     arguments = {
         "w": 210.0, "I": 0.1, "w_cmd": 410.0, "i": 0.05, "i_cmd": 0.05, "h": 0.01, "sag": 0.1, "torque": 5e-4, "V": 9.0,
         "x": 6e-5, "d": 1e-5, "phi": 7.0, "theta": 3.0, "s": 1.0, "seen": 1e-4, "x_rate": 7e-4, "r": 0.4, "p": p,
-        "emf": 4.0, "R": 21.0, "limit": 15.0, "what": 2.0, "given": 2.0, "code": 3.0,
+        "emf": 4.0, "R": 21.0, "limit": 15.0, "what": 2.0, "given": 2.0, "code": 3.0, "drive": 1e-3, "now": 3.0,
     }  # fmt: skip
     compiled = [f for _, f in inspect.getmembers(a) if hasattr(f, "py_func")]
     if not compiled:

@@ -10,7 +10,7 @@ from observer_fi.physics.rigs import load_rig, override
 
 PLANT = load_rig().model
 FREE = plant.Free(0.0, 0.0)
-WARM = plant.Slow(0.05, 0.2, 0.1)
+WARM = plant.Slow(0.05, 0.2, 0.1, 0.0)
 EFFECTS = {"viscous_positive": 2e-7, "stribeck_torque": 1e-4, "friction_slope": 0.3}
 
 

@@ -11,7 +11,7 @@ from observer_fi.physics.rigs import load_rig, override
 
 PLANT = load_rig().model
 FREE = plant.Free(0.0, 0.0)
-COLD = plant.Slow(0.0, 0.0, 0.0)
+COLD = plant.Slow(0.0, 0.0, 0.0, 0.0)
 
 
 def held(w_cmd: float) -> plant.Command:
@@ -87,12 +87,20 @@ def test_play_ends_at_either_side() -> None:
 
 def test_slow_states_follow_current_and_clock() -> None:
     p = override(
-        PLANT, "nominal", heating_gain=0.01, sag_resistance=2.0, sag_time=0.1, supply_drift=0.3
+        PLANT,
+        "nominal",
+        heating_gain=0.01,
+        sag_resistance=2.0,
+        sag_time=0.1,
+        supply_drift=0.3,
+        warmup_rise=0.5,
+        warmup_time=40.0,
     ).vector
     slow = plant.settled(COLD, 0.5, 1e-3, 20.0, p)
     assert slow.h == pytest.approx(1e-3 * 0.01 * p[a.RM] * 0.25)
     assert slow.sag == pytest.approx(2.0 * 0.5 * (1.0 - math.exp(-0.01)))
     assert slow.drift == pytest.approx(6.0)
+    assert slow.cold == pytest.approx(0.5 * math.exp(-0.5))
     assert plant.settled(COLD, 0.5, 1e-3, 20.0, PLANT.vector) == COLD
 
 
