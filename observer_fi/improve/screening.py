@@ -73,7 +73,7 @@ def _free(term: Term) -> Free:
         step = term.step or _SHAPE_STEP * abs(start) + 1e-5 * (start == 0.0)
         return Free(term.parameter, step, term.low, term.high, start, term.prior_std)
     if math.isfinite(term.neutral):
-        return Free(term.parameter, abs(start - term.neutral), term.low, term.high)
+        return Free(term.parameter, term.step or abs(start - term.neutral), term.low, term.high)
     reached = start / 0.999
     return Free(term.parameter, abs(start - reached), term.low, reached)
 

@@ -62,7 +62,7 @@ class Term:
     low, high: physical bounds. prior_std: weak knowledge of a shape (a time constant, a width), infinite for a size.
     shape: True where the parameter says how, not how much; it means nothing while the sizes are neutral. with_it: other
     parameters that move with this one, and by how much. per_log: True where the value belongs to one log, as the phase of
-    what turns does, for the zero of an angle is arbitrary. step: of a shape for slopes, 0 for a share of its start.
+    what turns does, for the zero of an angle is arbitrary. step: for slopes, 0 for the start of a size or a share of a shape's.
     """
 
     parameter: str
@@ -374,7 +374,7 @@ def _dead_zone(c: Coverage) -> tuple[Variant, ...]:
         Variant("what is beyond it", (Term("dead_zone", 0.01 * c.current, 0.0, most),), seen_by=(MOVES,)),
         Variant(
             "all above it",
-            (Term("dead_zone", 0.2 * c.current, 0.0, most),),
+            (Term("dead_zone", 0.2 * c.current, 0.0, most, step=0.01 * c.current),),
             (("zone_step", 1.0),),
             seen_by=(MOVES,),
         ),

@@ -208,15 +208,10 @@ def breakaway(m, slow, late, theta, free, p):
     """Sign in which the drive overcomes friction at rest, 0 where friction holds."""
     still = zeros_like(m.I)
     push = p[a.KM] * motor_current(still, m.I, m.inner.c, slow, late, still, 0.0, p)
-    hold = (
-        a.friction(still, m.x, theta, p)
-        + slow.cold * a.coulomb_friction(p)
-        + a.transmission_loss(still, push, push, p)
-    )
-    push, asymmetry = (
-        push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque,
-        p[a.FRICTION_ASYMMETRY],
-    )
+    hold = a.friction(still, m.x, theta, p) + slow.cold * a.coulomb_friction(p)
+    hold += a.transmission_loss(still, push, push, p)
+    push = push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque
+    asymmetry = p[a.FRICTION_ASYMMETRY]
     return where_above(push, asymmetry + hold, 1.0, where_above(asymmetry - hold, push, -1.0, still))
 
 

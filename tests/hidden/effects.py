@@ -81,7 +81,7 @@ CAUSES = _table(
     Cause("asymmetric_friction", "torque", "A*ratio*|sgn(w)|: A*(1 + ratio) forward, A*(1 - ratio) back", (
         Parameter("ratio", "plant.asymmetry", "1", 2.5e-3, signed=True),
     )),
-    # 1e-3 of the transmitted torque is as visible as 7e-3 of the axial load.
+    # 6.5e-4 of the transmitted torque is as visible as 7e-3 of the axial load.
     Cause("load_dependent_friction", "torque", "(ratio*|B*theta + contact| + loss*|Km*i|)*sgn(w)", (
         Parameter("ratio", "plant.load_ratio", "1", 7e-3),
         Parameter("loss", "plant.gear_loss", "1", 0.0),
@@ -130,7 +130,7 @@ CAUSES = _table(
         Parameter("delay", "command.delay", "s", 2e-4),
     )),
     Cause("dead_zone", "servo", "0 below the threshold; sgn(i_cmd)*(|i_cmd| - threshold) above, i_cmd there at jump = 1", (
-        Parameter("threshold", "servo.dead_zone", "A", 2e-4),
+        Parameter("threshold", "servo.dead_zone", "A", 1.4e-4),
         Parameter("jump", "servo.dead_jump", "1", 0.0),
     )),
     Cause("integrator_clamp", "servo", "|I| <= limit; nominal full-speed starts reach 3.4 rad", (

@@ -195,7 +195,7 @@ def test_effect_at_nonzero_size_changes_its_log(cause, busy_log):
 
 
 def test_every_cause_of_the_contract_is_here():
-    assert len([cause for cause in ALL.values() if not cause.regressors]) == 29
+    assert len([cause for cause in ALL.values() if not cause.regressors]) == 31
     assert len([cause for cause in ALL.values() if cause.regressors]) >= 6
     allowed = {"time", "speed", "position", "shaft_angle", "screw_angle", "pitch", "current", "load"}
     for cause in ALL.values():
@@ -225,6 +225,37 @@ def test_screw_ripple_repeats_every_millimetre():
     load = m.applied_torque[steady] - TABLE_1.A
     expected = 5e-5 * np.sin(2 * np.pi * m.position[steady] / 1e-3)
     assert np.abs(load - expected).max() < 1e-9
+
+
+def test_a_gear_takes_its_share_of_the_motor_s_torque():
+    """Km i (1 - loss) = A in a steady move, so that the current rises by 1 / (1 - loss)."""
+    plain = TruthSpec(single_move(300.0, 1.5))
+    steady = window(true_motion(plain), 1.0, 1.4)
+    lossy = true_motion(replace(plain, effects=(effect("load_dependent_friction", loss=0.1),)))
+    assert lossy.current[steady].mean() == pytest.approx(TABLE_1.A / TABLE_1.Km / 0.9, rel=2e-3)
+
+
+@pytest.mark.parametrize("jump", [0.0, 1.0])
+def test_a_dead_zone_drives_nothing_below_its_threshold(jump):
+    asked = {}
+    for threshold in (0.0, 5e-3):
+        spec = replace(BUSY, effects=(effect("dead_zone", threshold=threshold, jump=jump),))
+        m = true_motion(replace(spec, start_integral_rad=5e-3))
+        assert np.all((m.current == 0.0) | (np.abs(m.current) > threshold * jump)) or threshold == 0.0
+        assert m.current[m.time < 0.09] == pytest.approx(0.0 if threshold else TABLE_1.Ki * 5e-3, abs=1e-9)
+        steady = window(m, 0.5, 1.0)
+        asked[threshold] = (m.current[steady].mean(), TABLE_1.Ki * m.integral[steady].mean())
+    assert asked[5e-3][0] == pytest.approx(asked[0.0][0], abs=2e-4)  # what the motion needs, the servo finds
+    assert asked[5e-3][1] - asked[0.0][1] == pytest.approx(5e-3 * (1.0 - jump), abs=4e-4)
+
+
+def test_friction_falls_as_grease_warms():
+    spec = TruthSpec(single_move(300.0, 3.0), effects=(effect("friction_warmup", rise=0.5, time=1.0),))
+    m = true_motion(spec)
+    steady = window(m, 0.5, 2.9)
+    assert m.applied_torque[steady] == pytest.approx(
+        TABLE_1.A * (1.0 + 0.5 * np.exp(-m.time[steady])), rel=1e-9
+    )
 
 
 def test_backlash_loses_its_width_at_a_reversal():
