@@ -1,9 +1,13 @@
 """An independent truth hides an effect; `improve` sees the log and nothing else."""
 
+from dataclasses import replace
+
 import hidden
 import pytest
 
-from observer_fi.physics import PARAMETERS
+from observer_fi.improve import improve
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import PARAMETERS, load_rig
 from pipelines.improve_study_cases import PAIRS, Case, run_case
 
 SEED = 4100  # a development seed: the committed report uses others
@@ -57,6 +61,22 @@ def test_two_at_once():
 @pytest.mark.parametrize("seed", [4201, 4202])
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
     assert any(cause in names for names in hide((cause,), 3.0, seed)["found"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "values", "right"),
+    [
+        ("load_dependent_friction", {"loss": 2e-3}, {"torque_friction": 2e-3}),
+        ("dead_zone", {"threshold": 3.5e-3, "jump": 1.0}, {"dead_zone": 3.5e-3}),
+    ],
+)
+def test_a_second_law_of_a_cause_is_found_with_its_size(cause, values, right):
+    spec = replace(hidden.draw_effects_case(SEED, (), 0.0), effects=(hidden.effect(cause, **values),))
+    record = improve([log_from_frame(hidden.make_log(spec, SEED)[0])], load_rig())
+    assert [found.cause for found in record.findings] == [cause]
+    for name, size in right.items():
+        assert record.findings[0].parameters[name].value == pytest.approx(size, rel=0.05)
 
 
 @pytest.mark.slow

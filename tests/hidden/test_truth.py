@@ -239,14 +239,16 @@ def test_a_gear_takes_its_share_of_the_motor_s_torque():
 def test_a_dead_zone_drives_nothing_below_its_threshold(jump):
     asked = {}
     for threshold in (0.0, 5e-3):
-        spec = replace(BUSY, effects=(effect("dead_zone", threshold=threshold, jump=jump),))
+        spec = TruthSpec(
+            single_move(300.0, 3.0), effects=(effect("dead_zone", threshold=threshold, jump=jump),)
+        )
         m = true_motion(replace(spec, start_integral_rad=5e-3))
         assert np.all((m.current == 0.0) | (np.abs(m.current) > threshold * jump)) or threshold == 0.0
-        assert m.current[m.time < 0.09] == pytest.approx(0.0 if threshold else TABLE_1.Ki * 5e-3, abs=1e-9)
-        steady = window(m, 0.5, 1.0)
+        assert m.current[m.time < 0.05] == pytest.approx(0.0 if threshold else TABLE_1.Ki * 5e-3, abs=1e-9)
+        steady = window(m, 1.5, 2.9)
         asked[threshold] = (m.current[steady].mean(), TABLE_1.Ki * m.integral[steady].mean())
-    assert asked[5e-3][0] == pytest.approx(asked[0.0][0], abs=2e-4)  # what the motion needs, the servo finds
-    assert asked[5e-3][1] - asked[0.0][1] == pytest.approx(5e-3 * (1.0 - jump), abs=4e-4)
+    assert asked[5e-3][0] == pytest.approx(asked[0.0][0], abs=2e-5)  # what the motion needs, the servo finds
+    assert asked[5e-3][1] - asked[0.0][1] == pytest.approx(5e-3 * (1.0 - jump), abs=5e-5)
 
 
 def test_friction_falls_as_grease_warms():
