@@ -22,7 +22,8 @@ from observer_fi.improve.improvement import (
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.problem import Ladder
 from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.simulated_moves import MOST_ROWS
+from observer_fi.improve.screening import coverage_of, free_of, start_values
+from observer_fi.improve.simulated_moves import MOST_ROWS, base_parameters
 from observer_fi.improve.unexplained import Smooth
 
 __all__ = [
@@ -42,14 +43,18 @@ __all__ = [
     "Value",
     "WANTED_NATS",
     "DiagnosisGain",
+    "base_parameters",
     "calculated_force",
+    "coverage_of",
     "diagnosis_gain",
     "findings_of",
     "free_equations",
+    "free_of",
     "improve",
     "improvement_of",
     "name_causes",
     "refitted",
+    "start_values",
     "to_json",
     "measure_diagnosis_gain",
 ]

@@ -1,7 +1,7 @@
 """A rig from its logs: section 3 of the paper, likelihoods of whole moves, inverse dynamics."""
 
 from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
-from observer_fi.learn.gauss_newton import Free, objective, scales
+from observer_fi.learn.gauss_newton import Free, Point, objective, project, scales
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
 from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term, term_of
@@ -76,6 +76,7 @@ __all__ = [
     "Linear",
     "Motion",
     "POSITION",
+    "Point",
     "PositionServo",
     "RESISTANCE",
     "Sharing",
@@ -109,6 +110,7 @@ __all__ = [
     "parameters_of",
     "predict",
     "prepare",
+    "project",
     "prepare_motion",
     "relative",
     "residual_on",

@@ -54,12 +54,8 @@ class Point(NamedTuple):
     objective: float
 
 
-class Problem(Protocol):
-    """What is fitted: move m in rows bounds[m]:bounds[m + 1] of the residuals; nuisance_std (M, 2), infinite for no prior."""
-
-    @property
-    def free(self) -> tuple[Free, ...]:
-        """The free parameters."""
+class Moves(Protocol):
+    """Move m in rows bounds[m]:bounds[m + 1] of the residuals; nuisance_std (M, 2), infinite for no prior."""
 
     @property
     def bounds(self) -> NDArray[np.int64]:
@@ -68,6 +64,14 @@ class Problem(Protocol):
     @property
     def nuisance_std(self) -> Array:
         """(M, 2) A, m."""
+
+
+class Problem(Moves, Protocol):
+    """What is fitted."""
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        """The free parameters."""
 
     def residuals(self, values: Mapping[str, float], nuisance: Array) -> Array:
         """(N, 3) normalised residuals, 0 where missing."""
@@ -170,7 +174,7 @@ def stepped(free: Sequence[Free], values: Mapping[str, float], step: Array) -> d
     return {**values, **changed}
 
 
-def project(problem: Problem, columns: Array, around: Array, point: Point) -> Normal:
+def project(problem: Moves, columns: Array, around: Array, point: Point) -> Normal:
     """Normal equations at a point from the columns (k, N, 3) and those of the two numbers of every move (2, N, 3)."""
     k, bounds = columns.shape[0], problem.bounds
     moves = bounds.size - 1

@@ -53,6 +53,7 @@ from observer_fi.physics.scenario import (
     csv_bytes,
     drawn_scenario,
     synthesise,
+    trapezoids,
 )
 from observer_fi.physics.sheets.data_sheet import DataSheet, FromSheet, rig_of_sheet
 from observer_fi.physics.sheets.derived import UNLEARNED
@@ -139,6 +140,7 @@ __all__ = [
     "speed",
     "synthesise",
     "to_table",
+    "trapezoids",
     "unknown_name",
     "value_names",
     "value_of",

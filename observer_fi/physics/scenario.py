@@ -102,7 +102,7 @@ def synthesise(scenario: Scenario, rig: Rig, name: str = "synthetic") -> tuple[L
     drawn = _drawn(rig, rng) if scenario.spread else {}
     plant = override(rig.model, NOMINAL, **{**drawn, **scenario.effects})
     t = np.arange(round(scenario.seconds * scenario.rate_hz)) / scenario.rate_hz
-    knots, values = command(scenario.moves, plant["accel_cmd"] or np.inf, float(t[-1]))
+    knots, values = trapezoids(scenario.moves, plant["accel_cmd"] or np.inf, float(t[-1]))
     clean, states = _run(t, knots, values, scenario, plant, rig.driven)
     z = clean + scenario.noise * rig.file_noise_std * rng.standard_normal(clean.shape)
     _break_sensor(t, z, scenario.fault, rng)
@@ -153,7 +153,7 @@ def _drawn(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
     return {name: rig.quantities[name].value * factor for name, factor in factors.items()}
 
 
-def command(moves: tuple[Move, ...], accel: float, end: float) -> tuple[Array, Array]:
+def trapezoids(moves: tuple[Move, ...], accel: float, end: float) -> tuple[Array, Array]:
     """Knots (times, speeds) of the commanded trapezoids. Moves that touch go from speed to speed without a
     stop.
 

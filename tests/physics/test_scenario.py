@@ -15,7 +15,7 @@ from observer_fi.physics.scenario import (
     Fault,
     Move,
     Scenario,
-    command,
+    trapezoids,
     csv_bytes,
     drawn_scenario,
     synthesise,
@@ -93,7 +93,7 @@ def test_an_overload_at_rest_stands_in_the_way_of_the_next_move(speed: float) ->
 
 
 def test_moves_that_touch_reverse_without_a_stop() -> None:
-    t, w = command((Move(0.1, 400.0, 1.0), Move(1.1, -400.0, 1.0)), 6e4, 3.0)
+    t, w = trapezoids((Move(0.1, 400.0, 1.0), Move(1.1, -400.0, 1.0)), 6e4, 3.0)
     assert np.interp(1.1 + 800.0 / 6e4, t, w) == pytest.approx(-400.0)
     assert np.interp([0.05, 0.6, 1.6, 2.5], t, w) == pytest.approx([0.0, 400.0, -400.0, 0.0])
 
