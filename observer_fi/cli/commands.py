@@ -12,6 +12,7 @@ from observer_fi import __version__
 from observer_fi.cli import inspection as cli_inspection
 from observer_fi.cli import learning as cli_learning
 from observer_fi.cli import rigs as cli_rigs
+from observer_fi.cli import planning as cli_planning
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import trends as cli_trends
 from observer_fi.cli import verdicts as cli_verdicts
@@ -102,6 +103,11 @@ COMMANDS: dict[str, Command] = {
         "show what the simulation gets wrong, name the cause, extend the model",
         cli_learning.improve_arguments,
         cli_learning.run_improve,
+    ),
+    "plan": Command(
+        "the next log worth recording: the moves that best tell rivals apart",
+        cli_planning.plan_arguments,
+        cli_planning.run_plan,
     ),
     "simulate": Command(
         "a synthetic log with an injected fault, and its truth beside it",

@@ -1,17 +1,20 @@
 """Plan: the next log worth recording, within the limits of a rig."""
 
 from observer_fi.plan.limits import Limits, limits_of
-from observer_fi.plan.planning import DECISIVE, Plan, moves_csv, plan_causes, plan_faults, steps, to_json
-from observer_fi.plan.rivals import parse
+from observer_fi.plan.planning import DECISIVE, Plan, plan_causes, plan_constants, plan_faults
+from observer_fi.plan.rivals import asked_by, parse
+from observer_fi.plan.written import moves_csv, steps, to_json
 
 __all__ = [
     "DECISIVE",
     "Limits",
     "Plan",
+    "asked_by",
     "limits_of",
     "moves_csv",
     "parse",
     "plan_causes",
+    "plan_constants",
     "plan_faults",
     "steps",
     "to_json",

@@ -30,7 +30,12 @@ class Confirmed:
 
 
 def confirm(
-    blocks: Sequence[Block], rivals: Sequence[Rival], rig: Rig, limits: Limits, exact: Evidence, seeds: Sequence[int]
+    blocks: Sequence[Block],
+    rivals: Sequence[Rival],
+    rig: Rig,
+    limits: Limits,
+    exact: Evidence,
+    seeds: Sequence[int],
 ) -> tuple[Confirmed, ...]:
     """Every rival as the truth, for every seed of the noise."""
     likely = {rival.name: _likely(rival, exact) for rival in rivals}
@@ -43,7 +48,12 @@ def confirm(
 
 
 def judged(
-    logs: Sequence[Log], rig: Rig, rivals: Sequence[Rival], likely: dict[str, tuple[Hypothesis, ...]], truth: str, seed: int
+    logs: Sequence[Log],
+    rig: Rig,
+    rivals: Sequence[Rival],
+    likely: dict[str, tuple[Hypothesis, ...]],
+    truth: str,
+    seed: int,
 ) -> Confirmed:
     """What fits of the rivals say of logs. likely: forms of each rival that are fitted."""
     experiment = replace(prepare(logs, rig, share=1.0), steps=_STEPS)

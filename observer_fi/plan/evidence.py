@@ -32,7 +32,9 @@ from observer_fi.records import Array, Log
 
 _BOUND_ROUNDS = 4
 _RIDGE = 1e-10  # of a scaled diagonal: directions without information do not move
-_EARLY_S = 0.05  # a move belongs to a block that begins so much later: its first sample is the last one at rest
+_EARLY_S = (
+    0.05  # a move belongs to a block that begins so much later: its first sample is the last one at rest
+)
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,16 @@ class Fitted:
         H = (counts @ self.H.reshape(counts.size, -1)).reshape(k, k)
         g, s = counts @ self.g, float(counts @ self.s)
         weight = np.array([f.prior_weight for f in self.free])
-        away = np.array([(f.prior - v) / f.step if f.prior_weight else 0.0 for f, v in zip(self.free, self.at, strict=True)])
+        away = np.array(
+            [
+                (f.prior - v) / f.step if f.prior_weight else 0.0
+                for f, v in zip(self.free, self.at, strict=True)
+            ]
+        )
         d = self._step(H + np.diag(weight), g + weight * away)
-        return max(0.5 * (s - 2.0 * float(g @ d) + float(d @ H @ d)) + 0.5 * float(weight @ (d - away) ** 2), 0.0)
+        return max(
+            0.5 * (s - 2.0 * float(g @ d) + float(d @ H @ d)) + 0.5 * float(weight @ (d - away) ** 2), 0.0
+        )
 
     def _step(self, H: Array, g: Array) -> Array:
         """The least squares within the bounds: what would leave them is held there, and the others follow."""
@@ -111,7 +120,9 @@ class Evidence:
 # --- simulated moves ---------------------------------------------------------------------------------
 
 
-def logs_of(blocks: Sequence[Block], rig: Rig, limits: Limits, rival: Rival | None = None, seed: int = 0) -> list[Log]:
+def logs_of(
+    blocks: Sequence[Block], rig: Rig, limits: Limits, rival: Rival | None = None, seed: int = 0
+) -> list[Log]:
     """One log for every run of one pitch, of the rig, or with a rival in it."""
     logs = []
     for k, (pitch, run_) in enumerate(by_pitch(blocks)):
@@ -180,7 +191,9 @@ def normals(
     """What a hypothesis makes of the readings (N, 3) of each truth."""
     columns, around = columns_of(experiment, h)
     here = readings(experiment, h)
-    apart = np.array([whitened(experiment, (y - here) * experiment.weight) for y in truths]).reshape(-1, *here.shape)
+    apart = np.array([whitened(experiment, (y - here) * experiment.weight) for y in truths]).reshape(
+        -1, *here.shape
+    )
     k, still = columns.shape[0], np.zeros((experiment.moves, 2))
     point = Point({}, still, np.zeros_like(here), 0.0)
     H = project(experiment, np.concatenate([columns, apart]), around, point).H
@@ -194,7 +207,11 @@ def normals(
 
 
 def weigh(
-    experiment: Experiment, owner: NDArray[np.int64], rivals: Sequence[Rival], blocks: Sequence[Block], seconds: Sequence[float]
+    experiment: Experiment,
+    owner: NDArray[np.int64],
+    rivals: Sequence[Rival],
+    blocks: Sequence[Block],
+    seconds: Sequence[float],
 ) -> Evidence:
     """Every ordered pair of rivals on the blocks of an experiment."""
     made = [readings(experiment, rival.forms[0]) for rival in rivals]
@@ -203,7 +220,8 @@ def weigh(
         others = [a for a, other in enumerate(rivals) if a != b and not other.within_all]
         by_form = [normals(experiment, owner, form, [made[a] for a in others]) for form in rival.forms]
         pairs += [
-            Pair(rivals[a].name, rival.name, tuple(forms[k] for forms in by_form)) for k, a in enumerate(others)
+            Pair(rivals[a].name, rival.name, tuple(forms[k] for forms in by_form))
+            for k, a in enumerate(others)
         ]
     pairs = [pair for pair in pairs if pair.forms]
     return Evidence(tuple(blocks), np.array(seconds), tuple(pairs))
@@ -212,7 +230,9 @@ def weigh(
 def covariance(fitted: Fitted, counts: Array) -> Array:
     """(k, k) of the free parameters after so many of each block [SI], priors included."""
     k = len(fitted.free)
-    H = (counts @ fitted.H.reshape(counts.size, -1)).reshape(k, k) + np.diag([f.prior_weight for f in fitted.free])
+    H = (counts @ fitted.H.reshape(counts.size, -1)).reshape(k, k) + np.diag(
+        [f.prior_weight for f in fitted.free]
+    )
     scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.inv(H / np.outer(scale, scale) + _RIDGE * np.eye(k)) / np.outer(scale, scale)
     unit = scales(fitted.free)
@@ -223,3 +243,12 @@ def std_of(fitted: Fitted, counts: Array) -> dict[str, float]:
     """Standard errors after so many of each block."""
     variances = np.diag(covariance(fitted, counts))
     return {f.name: math.sqrt(max(v, 0.0)) for f, v in zip(fitted.free, variances, strict=True)}
+
+
+def precision(fitted: Fitted, counts: Array, names: Sequence[str]) -> float:
+    """Minus half the log-determinant of the covariance of some constants, relative to their values: D-optimal where largest."""
+    at = [k for k, f in enumerate(fitted.free) if f.name in names]
+    unit = np.abs(fitted.at[at]) + (fitted.at[at] == 0.0)
+    return -0.5 * float(
+        np.linalg.slogdet(covariance(fitted, counts)[np.ix_(at, at)] / np.outer(unit, unit))[1]
+    )

@@ -58,12 +58,16 @@ def limits_of(
     _check_range("--seconds", seconds, *_SECONDS)
     _check_range("--rate", rate_hz, *_RATES_HZ)
     if not pitches or not all(math.isfinite(p) and abs(p) <= 90.0 for p in pitches):
-        raise UsageError(f"--pitches: levels from -90 to 90 deg are needed, got {', '.join(map(str, pitches)) or 'none'}")
+        raise UsageError(
+            f"--pitches: levels from -90 to 90 deg are needed, got {', '.join(map(str, pitches)) or 'none'}"
+        )
     low, high = _travel(rig, travel)
     rest = max(_LEAST_REST_S, _SETTLED * settling_time(rig.model))
     top = _top_speed(rig, pitches, speed)
     accel = rig.model["accel_cmd"] or math.inf
-    return Limits(top, accel, low, high, seconds, tuple(dict.fromkeys(pitches)), rest, rate_hz, abs(rig.model["D"]))
+    return Limits(
+        top, accel, low, high, seconds, tuple(dict.fromkeys(pitches)), rest, rate_hz, abs(rig.model["D"])
+    )
 
 
 def _check_range(option: str, value: float, low: float, high: float) -> None:

@@ -15,6 +15,7 @@ from observer_fi.records import Array
 LEAD_S = 0.3  # of rest in front of the first move
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the top speed
 _HOLDS_S = (0.3, 1.2)
+_TURN_SHARES = (0.5, 0.25, 0.1)  # a reversal asks of the supply what a start to twice the speed does
 _STAIRS = (0.1, 0.25, 0.5, 1.0)
 _PULSE_S, _STEP_S, _STAIR_S = 0.05, 0.05, 0.2
 _FULL_SHARE = 0.35  # of the whole time: a way over the travel
@@ -130,8 +131,8 @@ def _at(limits: Limits, pitch: float) -> Iterator[Block]:
     for share, hold in product(_SHARES, _HOLDS_S):
         yield _there_and_back(limits, share, hold, pitch)
     yield _there_and_back(limits, 1.0, _FULL_SHARE * limits.seconds, pitch)
-    for share, hold in ((1.0, 0.15), (0.5, 0.3), (0.1, 0.3)):
-        yield _reversals(limits, share, hold, pitch)
+    for share in _TURN_SHARES:
+        yield _reversals(limits, share, _HOLDS_S[0], pitch)
     yield _staircase(limits, pitch)
     yield _starts(limits, pitch)
     yield _small_steps(limits, pitch)
@@ -178,7 +179,8 @@ def _starts(limits: Limits, pitch: float) -> Block:
         v = _way(limits) * share * limits.speed
         hold = _hold(limits, v, _PULSE_S)
         legs += [Leg(v, hold), rest, Leg(-v, hold), rest]
-    words = f"short starts to {limits.speed:.3g}, {limits.speed / 2:.3g} and {limits.speed / 4:.3g} rad/s and back, {_PULSE_S:g} s each"
+    speeds = f"{limits.speed:.3g}, {limits.speed / 2:.3g} and {limits.speed / 4:.3g} rad/s"
+    words = f"short starts to {speeds} and back, {_PULSE_S:g} s each"
     return Block(words, tuple(legs), pitch)
 
 

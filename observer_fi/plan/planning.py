@@ -2,38 +2,44 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.errors import UsageError
-from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Rig
+from observer_fi.learn import Experiment
+from observer_fi.physics import CAUSES, MOVES, Rig, unknown_name
 from observer_fi.plan.confirm import Confirmed, confirm
-from observer_fi.plan.evidence import Evidence, library, weigh, whole
+from observer_fi.plan.evidence import (
+    Evidence,
+    Fitted,
+    library,
+    normals,
+    precision,
+    readings,
+    std_of,
+    weigh,
+    whole,
+)
 from observer_fi.plan.limits import Limits
 from observer_fi.plan.moves import (
     LEAD_S,
     Block,
-    campaign,
-    corners_of,
     family,
     in_order,
-    in_words,
-    lay_out,
-    repeated,
     standard,
     total_seconds,
 )
-from observer_fi.plan.rivals import Asked, Rival, aliases, checked, faults_of
+from observer_fi.plan.rivals import Asked, Rival, aliases, checked, faults_of, no_cause
 from observer_fi.plan.search import best_counts, best_repeated, chosen
 from observer_fi.plan.sizes import rivals_of
 from observer_fi.records import Array
 
-SCHEMA = "observer-fi/plan/1"
 DECISIVE = math.log(100.0)  # nats: posterior odds of 100 between rivals that were even before
 _SEEDS = (1, 2)
 _MORE_PITCHES = (10.0, -10.0)  # deg: tried where the levels at hand do not decide
+_KNOWN = 0.05  # relative standard error of a constant that counts as known
 _NEARLY = 0.7  # of the log-odds: what a simpler profile must reach to be worth its name
 
 Tell = Callable[[str], None]
@@ -53,7 +59,8 @@ class Plan:
 
     rivals: name and values of each. before: moves that are usually recorded, as long. simpler: one kind of move repeated.
     confirmed: simulated logs of the planned moves, fitted by all rivals. decides: whether all of them, and the expectation, are
-    above odds of 100. why: what stands in the way, or what carries it.
+    above odds of 100. why: what stands in the way, or what carries it. std: where constants are asked for, their standard errors
+    after the usual moves, the planned and the simpler ones; log_odds are then 0.
     """
 
     rig: Rig
@@ -65,6 +72,7 @@ class Plan:
     confirmed: tuple[Confirmed, ...]
     decides: bool
     why: str
+    std: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -87,6 +95,38 @@ def plan_faults(text: str, rig: Rig, limits: Limits, tell: Tell = lambda text: N
     return _plan(faults_of(text, rig), rig, limits, tell)
 
 
+def plan_constants(names: Sequence[str], rig: Rig, limits: Limits, tell: Tell = lambda text: None) -> Plan:
+    """Moves after which constants of the rig are known best. Raises UsageError for what no move can tell."""
+    base = no_cause(rig)
+    known = tuple(f.name for f in base.forms[0].free)
+    for name in names:
+        if name not in known:
+            raise unknown_name(name, known, "constant that moves can tell")
+    tell("what each kind of move says")
+    blocks, seconds = _blocks(limits)
+    fitted = _about(library(blocks, rig, limits, _warm_up(limits)), base)
+
+    def value(counts: Array) -> float:
+        return precision(fitted, counts, names)
+
+    most = limits.seconds - LEAD_S
+    tried = [best_counts(value, np.array(seconds), most), best_repeated(value, np.array(seconds), most)]
+    three = [standard(limits), *(in_order(chosen(c, blocks), limits) for c in tried)]
+    after = [std_of(_about(whole(p, rig, limits), base), np.ones(1)) for p in three]
+    std = {n: (after[0][n], after[1][n], after[2][n]) for n in names}
+    before, planned, simpler = (Profile(p, 0.0) for p in three)
+    off = {n: [v / abs(rig.model[n] or 1.0) for v in std[n]] for n in names}
+    worst = max(names, key=lambda n: off[n][1])
+    why = f"least known afterwards is {worst}, to {off[worst][1]:.2%}; after moves to and fro at one speed to {off[worst][0]:.2%}"
+    return Plan(rig, limits, (), planned, before, simpler, (), off[worst][1] < _KNOWN, why, std)
+
+
+def _about(part: tuple[Experiment, NDArray[np.int64]], base: Rival) -> Fitted:
+    """What the refitted rig makes of its own readings: its normal equations."""
+    (fitted,) = normals(*part, base.forms[0], [readings(part[0], base.forms[0])])
+    return fitted
+
+
 def _alias_words(a: str, b: str) -> str:
     return (
         f"{a} and {b} move the readings in exactly the same way, whatever the moves: no move can tell them apart; "
@@ -105,12 +145,19 @@ def _plan(rivals: Sequence[Rival], rig: Rig, limits: Limits, tell: Tell) -> Plan
     tell("the best profile")
     most = limits.seconds - LEAD_S
     usual = _profile(standard(limits), rivals, rig, limits)
-    tried = [best_counts(evidence.value, evidence.seconds, most), best_repeated(evidence.value, evidence.seconds, most)]
-    best, simpler = (_profile(in_order(chosen(c, evidence.blocks), limits), rivals, rig, limits) for c in tried)
+    tried = [
+        best_counts(evidence.value, evidence.seconds, most),
+        best_repeated(evidence.value, evidence.seconds, most),
+    ]
+    best, simpler = (
+        _profile(in_order(chosen(c, evidence.blocks), limits), rivals, rig, limits) for c in tried
+    )
     planned = max((best, simpler, usual), key=lambda p: p.log_odds)
     simpler = usual if usual.log_odds >= _NEARLY * planned.log_odds else simpler
     tell("does it decide")
-    confirmed = confirm(planned.blocks, rivals, rig, limits, _exact(planned.blocks, rivals, rig, limits), _SEEDS)
+    confirmed = confirm(
+        planned.blocks, rivals, rig, limits, _exact(planned.blocks, rivals, rig, limits), _SEEDS
+    )
     least = min((c.log_odds for c in confirmed), default=0.0)
     decides = min(planned.log_odds, least) > DECISIVE
     why = _carries(planned, usual) if decides else _stands_in_the_way(planned, least, rivals, rig, limits)
@@ -119,12 +166,16 @@ def _plan(rivals: Sequence[Rival], rig: Rig, limits: Limits, tell: Tell) -> Plan
 
 
 def _evidence(rivals: Sequence[Rival], rig: Rig, limits: Limits) -> Evidence:
+    blocks, seconds = _blocks(limits)
+    return weigh(*library(blocks, rig, limits, _warm_up(limits)), rivals, blocks, seconds)
+
+
+def _blocks(limits: Limits) -> tuple[tuple[Block, ...], list[float]]:
+    """What there is to choose from, and how long each lasts. Raises UsageError where nothing fits."""
     blocks = in_order(family(limits), limits)
     if not blocks:
         raise UsageError(f"no move fits into {limits.seconds:g} s and this travel; allow more of either")
-    experiment, owner = library(blocks, rig, limits, _warm_up(limits))
-    seconds = [total_seconds([b], limits.accel) - LEAD_S for b in blocks]
-    return weigh(experiment, owner, rivals, blocks, seconds)
+    return blocks, [total_seconds([b], limits.accel) - LEAD_S for b in blocks]
 
 
 def _warm_up(limits: Limits) -> Block:
@@ -143,15 +194,16 @@ def _profile(blocks: tuple[Block, ...], rivals: Sequence[Rival], rig: Rig, limit
 
 
 def _carries(planned: Profile, usual: Profile) -> str:
-    if usual.log_odds > DECISIVE:
-        return "the usual moves would decide as well"
-    return f"moves at one speed leave {usual.log_odds:.2g} nats, and {DECISIVE:.2g} are needed for odds of 100"
+    leave = f"moves to and fro at one speed are expected to leave {usual.log_odds:.3g} nats, these {planned.log_odds:.3g}"
+    return f"{leave}; {DECISIVE:.2g} are odds of 100"
 
 
-def _stands_in_the_way(planned: Profile, least: float, rivals: Sequence[Rival], rig: Rig, limits: Limits) -> str:
+def _stands_in_the_way(
+    planned: Profile, least: float, rivals: Sequence[Rival], rig: Rig, limits: Limits
+) -> str:
     """Which limit binds: what more pitches or more time would do."""
     got = min(planned.log_odds, least)
-    words = f"the best moves within the limits are expected to leave {planned.log_odds:.2g} nats between the rivals, {DECISIVE:.2g} are needed"
+    words = f"the best moves within the limits are expected to leave {planned.log_odds:.2g} nats, {DECISIVE:.2g} are needed"
     if planned.log_odds > DECISIVE >= least:
         words += f"; on simulated logs fits left only {least:.2g}"
     wider = replace(limits, pitches=(*limits.pitches, *(p for p in _MORE_PITCHES if p not in limits.pitches)))
@@ -159,95 +211,8 @@ def _stands_in_the_way(planned: Profile, least: float, rivals: Sequence[Rival], 
         evidence = _evidence(rivals, rig, wider)
         more = evidence.value(best_counts(evidence.value, evidence.seconds, limits.seconds - LEAD_S))
         if more > max(DECISIVE, 2.0 * planned.log_odds):
-            return f"{words}; the pitch binds: with levels of {', '.join(f'{p:g}' for p in wider.pitches)} deg they would leave {more:.3g}"
+            levels = ", ".join(f"{p:g}" for p in wider.pitches)
+            return f"{words}; the pitch binds: with levels of {levels} deg they would leave {more:.3g}"
     if got > 0.05 * DECISIVE:
         return f"{words}; the time binds: about {1.3 * limits.seconds * DECISIVE / got:.0f} s of such moves would do"
     return f"{words}; within these limits the rivals move the readings alike"
-
-
-# --- what is written ---------------------------------------------------------------------------------
-
-
-def moves_csv(plan: Plan) -> str:
-    """The command at its corners, linear in between, and the pitch to set: speed [rad/s], or position [m] of a position servo."""
-    header = "position_cmd_m" if plan.rig.driven.command else "speed_cmd_rad_s"
-    lines = [f"time_s,{header},pitch_deg"]
-    if plan.planned.blocks:
-        t, w = corners_of(plan.planned.blocks, plan.limits.accel)
-        value = _positions(t, w, plan) if plan.rig.driven.command else w
-        pitch = _pitches(t, plan)
-        rows = zip(t.tolist(), value.tolist(), pitch.tolist(), strict=True)
-        lines += [f"{a:.9g},{b:.9g},{p:g}" for a, b, p in rows]
-    return "\n".join(lines) + "\n"
-
-
-def _positions(t: Array, w: Array, plan: Plan) -> Array:
-    steps = 0.5 * (w[1:] + w[:-1]) * np.diff(t)
-    return plan.rig.model["D"] * np.concatenate(([0.0], np.cumsum(steps)))
-
-
-def _pitches(t: Array, plan: Plan) -> Array:
-    placed = lay_out(plan.planned.blocks, plan.limits.accel)[1]
-    ends = np.array([p.end for p in placed])
-    number = np.minimum(np.searchsorted(ends, t + 1e-9, "left"), len(placed) - 1)
-    return np.array([p.block.pitch for p in placed])[number]
-
-
-def steps(profile: Profile, limits: Limits) -> list[str]:
-    """The moves in words, one line a kind."""
-    several = len(limits.pitches) > 1
-    return [
-        f"{block.words}{f', at {block.pitch:g} deg' if several else ''}{f', {n} times' if n > 1 else ''}"
-        for n, block in in_words(profile.blocks)
-    ]
-
-
-def to_json(plan: Plan) -> dict[str, Any]:
-    """`plan.json`."""
-    return {
-        "schema": SCHEMA,
-        "rivals": [{"name": name, "parameters": _with_units(values)} for name, values in plan.rivals],
-        "moves": _moves_json(plan.planned, plan.limits),
-        "seconds": plan.seconds if plan.planned.blocks else 0.0,
-        "log_odds": {
-            "needed": DECISIVE,
-            "before": plan.before.log_odds,
-            "planned": plan.planned.log_odds,
-            "simpler": plan.simpler.log_odds,
-        },
-        "simpler": {
-            "moves": _moves_json(plan.simpler, plan.limits),
-            "seconds": total_seconds(plan.simpler.blocks, plan.limits.accel) if plan.simpler.blocks else 0.0,
-        },
-        "confirmed": [
-            {"truth": c.truth, "seed": c.seed, "closest": c.closest, "log_odds": c.log_odds} for c in plan.confirmed
-        ],
-        "limits": _limits_json(plan.limits),
-        "decides": plan.decides,
-        "why": plan.why,
-    }
-
-
-def _with_units(values: Mapping[str, float]) -> dict[str, Any]:
-    return {name: {"value": value, "unit": PARAMETERS[name][0]} for name, value in values.items()}
-
-
-def _moves_json(profile: Profile, limits: Limits) -> list[dict[str, Any]]:
-    return [
-        {
-            "words": block.words,
-            "times": n,
-            "pitch_deg": block.pitch,
-            "legs": [{"speed_rad_s": leg.speed, "seconds": leg.seconds} for leg in block.legs],
-        }
-        for n, block in in_words(profile.blocks)
-    ]
-
-
-def _limits_json(limits: Limits) -> dict[str, Any]:
-    """Infinite ones as null."""
-    numbers = {
-        "speed_rad_s": limits.speed, "acceleration_rad_s2": limits.accel, "lowest_m": limits.low, "highest_m": limits.high,
-        "seconds": limits.seconds,
-    }  # fmt: skip
-    return {n: v if math.isfinite(v) else None for n, v in numbers.items()} | {"pitches_deg": list(limits.pitches)}

@@ -1,8 +1,10 @@
 """What is to be told apart: causes with their sizes, one cause and none, or two faults; each as models that a fit may take."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from observer_fi.errors import UsageError
 from observer_fi.improve import base_parameters, free_of, start_values
@@ -46,7 +48,7 @@ class Hypothesis:
 class Rival:
     """forms: the first is what the logs are simulated with. fault: how it is simulated; of a cause, the values do that.
 
-    within_all: whether every other rival holds it as a special case, as a cause does its absence: nothing then tells against them.
+    within_all: whether every other rival holds it as a special case, as a cause does its absence.
     """
 
     name: str
@@ -61,7 +63,7 @@ Asked = tuple[str, Mapping[str, float]]
 
 def parse(text: str) -> list[Asked]:
     """cause[:parameter=value[;parameter=value]...],... as names and given values. Raises UsageError."""
-    asked = []
+    asked: list[Asked] = []
     for part in filter(None, (p.strip() for p in text.split(","))):
         name, _, rest = part.partition(":")
         values = {}
@@ -77,6 +79,23 @@ def parse(text: str) -> list[Asked]:
     return asked
 
 
+def asked_by(path: Path) -> list[Asked]:
+    """The first finding of an improve.json that has rivals, or the first, with its size, and its rivals. Raises UsageError."""
+    try:
+        findings = json.loads(path.read_text(encoding="utf-8"))["findings"]
+        found = next((f for f in findings if f["indistinguishable_from"]), findings[0] if findings else None)
+        if found is None:
+            raise UsageError(
+                f"{path}: improve found no cause, so there are no rivals; name them with --between"
+            )
+        values = {name: float(p["value"]) for name, p in found["parameters"].items()}
+        return [(str(found["cause"]), values), *((str(name), {}) for name in found["indistinguishable_from"])]
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise UsageError(f"{path}: this is not an improve.json of observer-fi improve") from None
+
+
 def checked(asked: Sequence[Asked], option: str = "--between") -> list[Asked]:
     """The causes, with `none` beside a single one. Raises UsageError for names that do not exist or stand twice."""
     names = [name for name, _ in asked]
@@ -84,7 +103,9 @@ def checked(asked: Sequence[Asked], option: str = "--between") -> list[Asked]:
         if name != NONE and name not in CAUSES:
             raise unknown_name(name, (*CAUSES, NONE), "cause")
     if len(set(names)) < len(names) or not set(names) - {NONE}:
-        raise UsageError(f"{option}: two different causes or more are needed, or one, got {', '.join(names) or 'none'}")
+        raise UsageError(
+            f"{option}: two different causes or more are needed, or one, got {', '.join(names) or 'none'}"
+        )
     return [*asked, (NONE, {})] if len(names) == 1 else list(asked)
 
 
@@ -92,7 +113,11 @@ def aliases(names: Sequence[str]) -> tuple[str, str] | None:
     """Two of the causes that move the readings in exactly the same way, on any move."""
     for k, first in enumerate(names):
         for second in names[k + 1 :]:
-            if NONE not in (first, second) and second in CAUSES[first].aliases and first in CAUSES[second].aliases:
+            if (
+                NONE not in (first, second)
+                and second in CAUSES[first].aliases
+                and first in CAUSES[second].aliases
+            ):
                 return first, second
     return None
 
@@ -109,7 +134,9 @@ def forms_of(cause: str, given: Mapping[str, float], coverage: Coverage) -> tupl
     forms = own or next((forms for forms in same if forms), ())
     if not forms:
         hint = "; give gear_order" if cause == "gear_ripple" else ""
-        raise UsageError(f"--between: {cause} does not show on this rig, or another name stands for it there{hint}")
+        raise UsageError(
+            f"--between: {cause} does not show on this rig, or another name stands for it there{hint}"
+        )
     fitting = [v for v in forms if set(given) <= _names(v)]
     if not fitting:
         known = sorted(set().union(*map(_names, forms)))
@@ -134,13 +161,15 @@ def hypothesis(rig: Rig, variant: Variant, values: Mapping[str, float]) -> Hypot
     inside = {n: min(max(v, terms[n].low), terms[n].high) if n in terms else v for n, v in values.items()}
     model = override(rig.model, rig.model.name, **inside)
     own = tuple(
-        replace_low(free, values[free.name]) if free.name in values else free for free in free_of(variant)
+        _widened(free, values[free.name]) if free.name in values else free for free in free_of(variant)
     )
     names = {free.name for free in own}
-    return Hypothesis(variant.name, model, (*(f for f in base_parameters(rig, rig.model) if f.name not in names), *own))
+    return Hypothesis(
+        variant.name, model, (*(f for f in base_parameters(rig, rig.model) if f.name not in names), *own)
+    )
 
 
-def replace_low(free: Free, value: float) -> Free:
+def _widened(free: Free, value: float) -> Free:
     """The parameter with bounds that hold a value that somebody gave."""
     return free._replace(low=min(free.low, value), high=max(free.high, value))
 
@@ -159,6 +188,11 @@ def sized(variant: Variant, given: Mapping[str, float], times: float) -> dict[st
 def is_limit(variant: Variant) -> bool:
     """Whether its size is a limit that nothing reaches where it is neutral."""
     return not all(math.isfinite(term.neutral) for term in variant.sizes)
+
+
+def holds_neutral(variant: Variant) -> bool:
+    """Whether a fit of it can do as if it were not there."""
+    return all(t.low <= t.neutral <= t.high and math.isfinite(t.neutral) for t in variant.sizes)
 
 
 def limit_values(variant: Variant) -> list[dict[str, float]]:
@@ -183,7 +217,9 @@ def faults_of(text: str, rig: Rig) -> list[Rival]:
     """
     names = [p.strip() for p in text.split(",") if p.strip()]
     if len(set(names)) < 2 or len(set(names)) < len(names):
-        raise UsageError(f"--faults: two different faults or more are needed, got {', '.join(names) or 'none'}")
+        raise UsageError(
+            f"--faults: two different faults or more are needed, got {', '.join(names) or 'none'}"
+        )
     return [_fault(name, rig) for name in names]
 
 
@@ -194,14 +230,18 @@ def _fault(text: str, rig: Rig) -> Rival:
         return Rival(NONE, {}, (Hypothesis("", rig.model, free),))
     if name == SENSOR:
         if channel not in CHANNELS:
-            raise UsageError(f"--faults: {text!r} needs a channel, as {SENSOR}:{CHANNELS[-1]}; there are {', '.join(CHANNELS)}")
+            raise UsageError(
+                f"--faults: {text!r} needs a channel, as {SENSOR}:{CHANNELS[-1]}; there are {', '.join(CHANNELS)}"
+            )
         still = Hypothesis("frozen", rig.model, free, CHANNELS.index(channel))
         return Rival(text, {}, (still,), Fault("sensor_frozen", 0.0, channel))
     changing = tuple(k for k in FAULT_KINDS if Fault(k).changes_plant)
     if name not in changing:
         raise unknown_name(name, (*changing, SENSOR, NONE), "fault")
     model = broken(rig.model, name, 0.0, True)
-    changed = {n: v for n, v in zip(PARAMETERS, model.values, strict=False) if v != rig.model[n] and math.isfinite(v)}
+    changed = {
+        n: v for n, v in zip(PARAMETERS, model.values, strict=False) if v != rig.model[n] and math.isfinite(v)
+    }
     return Rival(text, changed, (Hypothesis(name, model, free),), Fault(name))
 
 
@@ -209,7 +249,9 @@ def _in_doubt(rig: Rig) -> tuple[Free, ...]:
     """What a verdict leaves open: the constants within their spread from rig to rig."""
     own = tuple(f for f in base_parameters(rig, rig.model))
     extra = [n for n in ("A_decoupled", "J_decoupled") if rig.model[n] > 0.0]
-    loose = (Free(n, 1e-3 * rig.model[n], 0.1 * rig.model[n], 10.0 * rig.model[n], rig.model[n]) for n in extra)
+    loose = (
+        Free(n, 1e-3 * rig.model[n], 0.1 * rig.model[n], 10.0 * rig.model[n], rig.model[n]) for n in extra
+    )
     return tuple(_as_known(f, rig) for f in (*own, *loose))
 
 

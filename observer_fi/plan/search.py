@@ -69,4 +69,6 @@ def _swapped(value: Value, counts: Array, seconds: Array, most_s: float) -> Arra
 
 def chosen(counts: Array, blocks: Sequence) -> tuple:
     """The blocks, each as often as counted."""
-    return tuple(block for block, n in zip(blocks, counts.astype(int).tolist(), strict=True) for _ in range(n))
+    return tuple(
+        block for block, n in zip(blocks, counts.astype(int).tolist(), strict=True) for _ in range(n)
+    )

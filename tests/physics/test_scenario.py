@@ -15,10 +15,10 @@ from observer_fi.physics.scenario import (
     Fault,
     Move,
     Scenario,
-    trapezoids,
     csv_bytes,
     drawn_scenario,
     synthesise,
+    trapezoids,
 )
 
 RIG = load_rig()

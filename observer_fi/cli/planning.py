@@ -1,0 +1,112 @@
+"""The command that says what to record next: plan."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from observer_fi.cli.options import OK, add_common, add_rig, emit_json, finite, step
+from observer_fi.cli.synthetic import numbers
+from observer_fi.errors import UsageError
+
+if TYPE_CHECKING:
+    from observer_fi.physics import Rig
+    from observer_fi.plan import Limits, Plan
+
+
+def plan_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `plan`."""
+    asked = parser.add_mutually_exclusive_group(required=True)
+    asked.add_argument(
+        "--between",
+        metavar="CAUSE[:PARAMETER=VALUE;...],...",
+        help="causes to tell apart, or one to show; without a size: what a usual campaign would just name",
+    )
+    asked.add_argument(
+        "--from",
+        dest="improved",
+        type=Path,
+        metavar="improve.json",
+        help="a finding of improve and its rivals",
+    )
+    asked.add_argument(
+        "--faults",
+        metavar="FAULT,...",
+        help="faults to tell apart, as coupling_loss,sensor_fault:position (a frozen sensor)",
+    )
+    asked.add_argument(
+        "--for", dest="constants", metavar="CONSTANT,...", help="constants of the rig to learn, as A,B"
+    )
+    parser.add_argument("--seconds", type=finite, default=10.0, help="how long the log may be [s] (10)")
+    parser.add_argument(
+        "--pitches", default="0", metavar="DEG,...", help="levels of pitch that can be set [deg] (0)"
+    )
+    parser.add_argument("--speed", type=finite, help="highest speed [rad/s] (0.6 of what the supply holds)")
+    parser.add_argument(
+        "--travel",
+        metavar="LOW:HIGH",
+        help="how far the mass may go from where the log begins [mm] (the stops of the rig file)",
+    )
+    parser.add_argument("--rate", type=finite, default=1600.0, help="samples a second of the logger (1600)")
+    parser.add_argument("--name", default="plan", help="name of the output folder (plan)")
+    add_rig(parser, settings=False)
+    add_common(parser)
+
+
+def run_plan(args: argparse.Namespace) -> int:
+    """The moves to record next, as a CSV that a controller can play."""
+    from observer_fi.physics import load_rig
+    from observer_fi.plan import limits_of, moves_csv, to_json
+    from observer_fi.report import Made, checked_name, json_text, write_result
+
+    rig = load_rig(args.rig)
+    checked_name(args.name)
+    pitches = tuple(_number(p, "--pitches") for p in args.pitches.split(","))
+    travel = None
+    if args.travel is not None:
+        low, high = numbers(args.travel, ":", 2, "--travel")
+        travel = 1e-3 * low, 1e-3 * high
+    plan = _planned(args, rig, limits_of(rig, args.seconds, pitches, args.speed, travel, args.rate))
+    result = to_json(plan)
+    files = {"moves.csv": moves_csv(plan), "plan.json": json_text(result)}
+    folder = write_result(args.out, args.name, Made("plan", {}), files)
+    if args.json:
+        emit_json(result)
+    elif not args.quiet:
+        print("\n".join([*_lines(plan), str(folder / "moves.csv")]))
+    return OK
+
+
+def _number(text: str, option: str) -> float:
+    return numbers(text, ":", 1, option)[0]
+
+
+def _planned(args: argparse.Namespace, rig: "Rig", limits: "Limits") -> "Plan":
+    from observer_fi.plan import asked_by, parse, plan_causes, plan_constants, plan_faults
+
+    tell = step(args)
+    if args.faults is not None:
+        return plan_faults(args.faults, rig, limits, tell)
+    if args.constants is not None:
+        names = tuple(filter(None, (n.strip() for n in args.constants.split(","))))
+        if not names:
+            raise UsageError("--for: name at least one constant, as A")
+        return plan_constants(names, rig, limits, tell)
+    return plan_causes(asked_by(args.improved) if args.improved else parse(args.between), rig, limits, tell)
+
+
+def _lines(plan: "Plan") -> list[str]:
+    """The moves in words, what they decide, and the simpler ones."""
+    from observer_fi.plan import steps
+
+    names = " or ".join(name for name, _ in plan.rivals) or ", ".join(plan.std)
+    lines = [f"{names}: {'decided' if plan.decides else 'not decided'}; {plan.why}"]
+    if plan.planned.blocks:
+        lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]
+        lines.append(
+            f"{plan.seconds:.3g} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
+        )
+    return lines
+
+
+def _odds(plan: "Plan") -> str:
+    return "" if plan.std else f" ({plan.simpler.log_odds:.3g} nats in place of {plan.planned.log_odds:.3g})"

@@ -1,0 +1,107 @@
+"""A plan as text: the command as CSV, `plan.json`, the moves in words."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from observer_fi.physics import PARAMETERS
+from observer_fi.plan.limits import Limits
+from observer_fi.plan.moves import corners_of, in_words, lay_out, total_seconds
+from observer_fi.plan.planning import DECISIVE, Plan, Profile
+from observer_fi.records import Array
+
+SCHEMA = "observer-fi/plan/1"
+
+
+def moves_csv(plan: Plan) -> str:
+    """The command at its corners, linear in between, and the pitch to set: speed [rad/s], or position [m] of a position servo."""
+    header = "position_cmd_m" if plan.rig.driven.command else "speed_cmd_rad_s"
+    lines = [f"time_s,{header},pitch_deg"]
+    if plan.planned.blocks:
+        t, w = corners_of(plan.planned.blocks, plan.limits.accel)
+        value = _positions(t, w, plan) if plan.rig.driven.command else w
+        pitch = _pitches(t, plan)
+        rows = zip(t.tolist(), value.tolist(), pitch.tolist(), strict=True)
+        lines += [f"{a:.9g},{b:.9g},{p:g}" for a, b, p in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _positions(t: Array, w: Array, plan: Plan) -> Array:
+    steps = 0.5 * (w[1:] + w[:-1]) * np.diff(t)
+    return plan.rig.model["D"] * np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def _pitches(t: Array, plan: Plan) -> Array:
+    placed = lay_out(plan.planned.blocks, plan.limits.accel)[1]
+    ends = np.array([p.end for p in placed])
+    number = np.minimum(np.searchsorted(ends, t + 1e-9, "left"), len(placed) - 1)
+    return np.array([p.block.pitch for p in placed])[number]
+
+
+def steps(profile: Profile, limits: Limits) -> list[str]:
+    """The moves in words, one line a kind."""
+    several = len(limits.pitches) > 1
+    return [
+        f"{block.words}{f', at {block.pitch:g} deg' if several else ''}{f', {n} times' if n > 1 else ''}"
+        for n, block in in_words(profile.blocks)
+    ]
+
+
+def to_json(plan: Plan) -> dict[str, Any]:
+    """`plan.json`."""
+    return {
+        "schema": SCHEMA,
+        "rivals": [{"name": name, "parameters": _with_units(values)} for name, values in plan.rivals],
+        "moves": _moves_json(plan.planned, plan.limits),
+        "seconds": plan.seconds if plan.planned.blocks else 0.0,
+        "log_odds": {
+            "needed": DECISIVE,
+            "before": plan.before.log_odds,
+            "planned": plan.planned.log_odds,
+            "simpler": plan.simpler.log_odds,
+        },
+        "simpler": {
+            "moves": _moves_json(plan.simpler, plan.limits),
+            "seconds": total_seconds(plan.simpler.blocks, plan.limits.accel) if plan.simpler.blocks else 0.0,
+        },
+        "confirmed": [
+            {"truth": c.truth, "seed": c.seed, "closest": c.closest, "log_odds": c.log_odds}
+            for c in plan.confirmed
+        ],
+        "std": {
+            name: dict(zip(("before", "planned", "simpler"), std, strict=True), unit=PARAMETERS[name][0])
+            for name, std in plan.std.items()
+        },
+        "limits": _limits_json(plan.limits),
+        "decides": plan.decides,
+        "why": plan.why,
+    }
+
+
+def _with_units(values: Mapping[str, float]) -> dict[str, Any]:
+    return {name: {"value": value, "unit": PARAMETERS[name][0]} for name, value in values.items()}
+
+
+def _moves_json(profile: Profile, limits: Limits) -> list[dict[str, Any]]:
+    return [
+        {
+            "words": block.words,
+            "times": n,
+            "pitch_deg": block.pitch,
+            "legs": [{"speed_rad_s": leg.speed, "seconds": leg.seconds} for leg in block.legs],
+        }
+        for n, block in in_words(profile.blocks)
+    ]
+
+
+def _limits_json(limits: Limits) -> dict[str, Any]:
+    """Infinite ones as null."""
+    numbers = {
+        "speed_rad_s": limits.speed, "acceleration_rad_s2": limits.accel, "lowest_m": limits.low, "highest_m": limits.high,
+        "seconds": limits.seconds,
+    }  # fmt: skip
+    return {n: v if math.isfinite(v) else None for n, v in numbers.items()} | {
+        "pitches_deg": list(limits.pitches)
+    }
