@@ -98,7 +98,7 @@ def _lines(plan: "Plan") -> list[str]:
     """The moves in words, what they decide, and the simpler ones."""
     from observer_fi.plan import steps
 
-    names = " or ".join(name for name, _ in plan.rivals) or ", ".join(plan.std)
+    names = " or ".join(rival.name for rival in plan.rivals) or ", ".join(plan.std)
     lines = [f"{names}: {'decided' if plan.decides else 'not decided'}; {plan.why}"]
     if plan.planned.blocks:
         lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]

@@ -1,5 +1,6 @@
 """Plan: the next log worth recording, within the limits of a rig."""
 
+from observer_fi.plan.confirm import judged
 from observer_fi.plan.limits import Limits, limits_of
 from observer_fi.plan.planning import DECISIVE, Plan, plan_causes, plan_constants, plan_faults
 from observer_fi.plan.rivals import asked_by, parse
@@ -10,6 +11,7 @@ __all__ = [
     "Limits",
     "Plan",
     "asked_by",
+    "judged",
     "limits_of",
     "moves_csv",
     "parse",

@@ -1,7 +1,7 @@
 """Whether a profile decides: logs with noise are simulated with each rival in turn, and all rivals are fitted to them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +40,7 @@ def confirm(
     """Every rival as the truth, for every seed of the noise."""
     likely = {rival.name: _likely(rival, exact) for rival in rivals}
     return tuple(
-        judged(logs_of(blocks, rig, limits, truth, seed), rig, rivals, likely, truth.name, seed)
+        Confirmed(truth.name, seed, *judged(logs_of(blocks, rig, limits, truth, seed), rig, likely, truth.name))
         for truth in rivals
         if not truth.within_all
         for seed in seeds
@@ -48,23 +48,16 @@ def confirm(
 
 
 def judged(
-    logs: Sequence[Log],
-    rig: Rig,
-    rivals: Sequence[Rival],
-    likely: dict[str, tuple[Hypothesis, ...]],
-    truth: str,
-    seed: int,
-) -> Confirmed:
-    """What fits of the rivals say of logs. likely: forms of each rival that are fitted."""
+    logs: Sequence[Log], rig: Rig, forms: Mapping[str, Sequence[Hypothesis]], truth: str
+) -> tuple[str, float]:
+    """The closest rival of one that is true, and the log-odds [nats] against it after all were fitted to logs.
+
+    forms: of each rival, those that are fitted.
+    """
     experiment = replace(prepare(logs, rig, share=1.0), steps=_STEPS)
-    cost = {rival.name: min(_cost(experiment, h) for h in likely[rival.name]) for rival in rivals}
+    cost = {name: min(_cost(experiment, h) for h in each) for name, each in forms.items()}
     closest = min((name for name in cost if name != truth), key=lambda name: cost[name])
-    return Confirmed(truth, seed, closest, cost[closest] - cost[truth])
-
-
-def all_forms(rivals: Sequence[Rival]) -> dict[str, tuple[Hypothesis, ...]]:
-    """Every form of every rival."""
-    return {rival.name: rival.forms for rival in rivals}
+    return closest, cost[closest] - cost[truth]
 
 
 def _likely(rival: Rival, exact: Evidence) -> tuple[Hypothesis, ...]:

@@ -39,6 +39,8 @@ from observer_fi.records import Array
 DECISIVE = math.log(100.0)  # nats: posterior odds of 100 between rivals that were even before
 _SEEDS = (1, 2)
 _MORE_PITCHES = (10.0, -10.0)  # deg: tried where the levels at hand do not decide
+_SURE = 20.0  # nats expected: noise then seldom leaves less than `DECISIVE`
+_SOMETHING = 0.2  # nats: less is no ground for an estimate of the time
 _KNOWN = 0.05  # relative standard error of a constant that counts as known
 _NEARLY = 0.7  # of the log-odds: what a simpler profile must reach to be worth its name
 
@@ -57,7 +59,7 @@ class Profile:
 class Plan:
     """What to record next, and why.
 
-    rivals: name and values of each. before: moves that are usually recorded, as long. simpler: one kind of move repeated.
+    rivals: of two that no move can tell apart, without forms. before: moves that are usually recorded, as long. simpler: one kind of move repeated.
     confirmed: simulated logs of the planned moves, fitted by all rivals. decides: whether all of them, and the expectation, are
     above odds of 100. why: what stands in the way, or what carries it. std: where constants are asked for, their standard errors
     after the usual moves, the planned and the simpler ones; log_odds are then 0.
@@ -65,7 +67,7 @@ class Plan:
 
     rig: Rig
     limits: Limits
-    rivals: tuple[tuple[str, Mapping[str, float]], ...]
+    rivals: tuple[Rival, ...]
     planned: Profile
     before: Profile
     simpler: Profile
@@ -136,7 +138,8 @@ def _alias_words(a: str, b: str) -> str:
 
 def _hopeless(asked: Sequence[Asked], rig: Rig, limits: Limits, why: str) -> Plan:
     nothing = Profile((), 0.0)
-    return Plan(rig, limits, tuple(asked), nothing, nothing, nothing, (), False, why)
+    named = tuple(Rival(name, values, ()) for name, values in asked)
+    return Plan(rig, limits, named, nothing, nothing, nothing, (), False, why)
 
 
 def _plan(rivals: Sequence[Rival], rig: Rig, limits: Limits, tell: Tell) -> Plan:
@@ -161,8 +164,7 @@ def _plan(rivals: Sequence[Rival], rig: Rig, limits: Limits, tell: Tell) -> Plan
     least = min((c.log_odds for c in confirmed), default=0.0)
     decides = min(planned.log_odds, least) > DECISIVE
     why = _carries(planned, usual) if decides else _stands_in_the_way(planned, least, rivals, rig, limits)
-    named = tuple((r.name, r.values) for r in rivals)
-    return Plan(rig, limits, named, planned, usual, simpler, confirmed, decides, why)
+    return Plan(rig, limits, tuple(rivals), planned, usual, simpler, confirmed, decides, why)
 
 
 def _evidence(rivals: Sequence[Rival], rig: Rig, limits: Limits) -> Evidence:
@@ -202,10 +204,12 @@ def _stands_in_the_way(
     planned: Profile, least: float, rivals: Sequence[Rival], rig: Rig, limits: Limits
 ) -> str:
     """Which limit binds: what more pitches or more time would do."""
-    got = min(planned.log_odds, least)
     words = f"the best moves within the limits are expected to leave {planned.log_odds:.2g} nats, {DECISIVE:.2g} are needed"
+    touching = [r.name for r in rivals if r.name in CAUSES and CAUSES[r.name].equation == "contact"]
+    if touching:
+        return f"{words}; {' and '.join(touching)} show at a stop only, and these moves keep clear of the stops"
     if planned.log_odds > DECISIVE >= least:
-        words += f"; on simulated logs fits left only {least:.2g}"
+        words += f", and with noise fits of simulated logs left {least:.2g}"
     wider = replace(limits, pitches=(*limits.pitches, *(p for p in _MORE_PITCHES if p not in limits.pitches)))
     if len(wider.pitches) > len(limits.pitches):
         evidence = _evidence(rivals, rig, wider)
@@ -213,6 +217,6 @@ def _stands_in_the_way(
         if more > max(DECISIVE, 2.0 * planned.log_odds):
             levels = ", ".join(f"{p:g}" for p in wider.pitches)
             return f"{words}; the pitch binds: with levels of {levels} deg they would leave {more:.3g}"
-    if got > 0.05 * DECISIVE:
-        return f"{words}; the time binds: about {1.3 * limits.seconds * DECISIVE / got:.0f} s of such moves would do"
+    if planned.log_odds > _SOMETHING:
+        return f"{words}; the time binds: about {limits.seconds * max(_SURE / planned.log_odds, 1.5):.0f} s of such moves would do"
     return f"{words}; within these limits the rivals move the readings alike"

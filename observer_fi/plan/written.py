@@ -1,28 +1,32 @@
 """A plan as text: the command as CSV, `plan.json`, the moves in words."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from observer_fi.physics import PARAMETERS
 from observer_fi.plan.limits import Limits
-from observer_fi.plan.moves import corners_of, in_words, lay_out, total_seconds
+from observer_fi.plan.moves import Block, corners_of, in_words, lay_out, total_seconds
 from observer_fi.plan.planning import DECISIVE, Plan, Profile
 from observer_fi.records import Array
 
 SCHEMA = "observer-fi/plan/1"
 
 
-def moves_csv(plan: Plan) -> str:
-    """The command at its corners, linear in between, and the pitch to set: speed [rad/s], or position [m] of a position servo."""
+def moves_csv(plan: Plan, profile: Profile | None = None) -> str:
+    """The command at its corners, linear in between, and the pitch to set: speed [rad/s], or position [m] of a position servo.
+
+    profile: by default the planned one.
+    """
+    blocks = (profile or plan.planned).blocks
     header = "position_cmd_m" if plan.rig.driven.command else "speed_cmd_rad_s"
     lines = [f"time_s,{header},pitch_deg"]
-    if plan.planned.blocks:
-        t, w = corners_of(plan.planned.blocks, plan.limits.accel)
+    if blocks:
+        t, w = corners_of(blocks, plan.limits.accel)
         value = _positions(t, w, plan) if plan.rig.driven.command else w
-        pitch = _pitches(t, plan)
+        pitch = _pitches(t, blocks, plan.limits)
         rows = zip(t.tolist(), value.tolist(), pitch.tolist(), strict=True)
         lines += [f"{a:.9g},{b:.9g},{p:g}" for a, b, p in rows]
     return "\n".join(lines) + "\n"
@@ -33,8 +37,8 @@ def _positions(t: Array, w: Array, plan: Plan) -> Array:
     return plan.rig.model["D"] * np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def _pitches(t: Array, plan: Plan) -> Array:
-    placed = lay_out(plan.planned.blocks, plan.limits.accel)[1]
+def _pitches(t: Array, blocks: Sequence[Block], limits: Limits) -> Array:
+    placed = lay_out(blocks, limits.accel)[1]
     ends = np.array([p.end for p in placed])
     number = np.minimum(np.searchsorted(ends, t + 1e-9, "left"), len(placed) - 1)
     return np.array([p.block.pitch for p in placed])[number]
@@ -53,7 +57,7 @@ def to_json(plan: Plan) -> dict[str, Any]:
     """`plan.json`."""
     return {
         "schema": SCHEMA,
-        "rivals": [{"name": name, "parameters": _with_units(values)} for name, values in plan.rivals],
+        "rivals": [{"name": r.name, "parameters": _with_units(r.values)} for r in plan.rivals],
         "moves": _moves_json(plan.planned, plan.limits),
         "seconds": plan.seconds if plan.planned.blocks else 0.0,
         "log_odds": {
