@@ -10,7 +10,7 @@ BENCH_READY := $(VENV)/.installed-bench
 # The sample logs: those that need a column map live in a folder of their own and are not diagnosed here.
 LOGS := $(sort $(wildcard data/*.csv.gz data/*.csv))
 # The pipelines whose reports are committed; those of recorded data only where they are.
-STUDIES := $(addprefix pipelines.,reproduce_paper compare_mixture diagnose_study identify_study freed_study improve_study severity_study logger_study)
+STUDIES := $(addprefix pipelines.,reproduce_paper compare_mixture diagnose_study identify_study freed_study improve_study severity_study logger_study plan_study)
 STUDIES += $(if $(OBSERVER_FI_DATA),pipelines.identify_emps pipelines.improve_emps)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 

@@ -79,7 +79,10 @@ def _odds(plan: Plan, moves: str, effect: hidden.Effect, seed: int) -> float:
     rng = np.random.default_rng([seed, 8])
     drawn = hidden.draw_rig(rng, identification_percent=2.0)
     spec = hidden.TruthSpec(
-        profile_of(moves), drawn, effects=(effect,), start_integral_rad=hidden.draw_rest_integral(rng, drawn, 0.0)
+        profile_of(moves),
+        drawn,
+        effects=(effect,),
+        start_integral_rad=hidden.draw_rest_integral(rng, drawn, 0.0),
     )
     log = log_from_frame(hidden.make_log(spec, seed)[0])
     forms = {rival.name: rival.forms for rival in plan.rivals}

@@ -40,7 +40,9 @@ def confirm(
     """Every rival as the truth, for every seed of the noise."""
     likely = {rival.name: _likely(rival, exact) for rival in rivals}
     return tuple(
-        Confirmed(truth.name, seed, *judged(logs_of(blocks, rig, limits, truth, seed), rig, likely, truth.name))
+        Confirmed(
+            truth.name, seed, *judged(logs_of(blocks, rig, limits, truth, seed), rig, likely, truth.name)
+        )
         for truth in rivals
         if not truth.within_all
         for seed in seeds

@@ -207,7 +207,9 @@ def _stands_in_the_way(
     words = f"the best moves within the limits are expected to leave {planned.log_odds:.2g} nats, {DECISIVE:.2g} are needed"
     touching = [r.name for r in rivals if r.name in CAUSES and CAUSES[r.name].equation == "contact"]
     if touching:
-        return f"{words}; {' and '.join(touching)} show at a stop only, and these moves keep clear of the stops"
+        return (
+            f"{words}; {' and '.join(touching)} show at a stop only, and these moves keep clear of the stops"
+        )
     if planned.log_odds > DECISIVE >= least:
         words += f", and with noise fits of simulated logs left {least:.2g}"
     wider = replace(limits, pitches=(*limits.pitches, *(p for p in _MORE_PITCHES if p not in limits.pitches)))

@@ -140,7 +140,9 @@ def forms_of(cause: str, given: Mapping[str, float], coverage: Coverage) -> tupl
     fitting = [v for v in forms if set(given) <= _names(v)]
     if not fitting:
         known = sorted(set().union(*map(_names, forms)))
-        raise UsageError(f"--between: no form of {cause} has {', '.join(given)}; its parameters are {', '.join(known)}")
+        raise UsageError(
+            f"--between: no form of {cause} has {', '.join(given)}; its parameters are {', '.join(known)}"
+        )
     first = min(fitting, key=lambda v: _distance(v, given))
     return (first, *(v for v in forms if v is not first))
 
