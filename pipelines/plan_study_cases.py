@@ -132,4 +132,5 @@ def _line(r: dict[str, Any]) -> str:
     before, after = (" / ".join(f"{x:.3g}" for x in r[key]) for key in ("before", "after"))
     told = ", ".join("yes" if decided(r[key]) else "no" for key in ("before", "after"))
     expected = " | ".join(f"{x:.3g}" for x in r["expected"])
-    return f"| {' / '.join(r['causes'])} | {expected} | {before} | {after} | {told}; {'decides' if r['decides'] else 'does not'} |"
+    says = "decides" if r["decides"] else "does not"
+    return f"| {' / '.join(r['causes'])} | {expected} | {before} | {after} | {told}; {says} |"

@@ -72,7 +72,8 @@ def corners_of(blocks: Sequence[Block], accel: float) -> tuple[Array, Array]:
     """Times [s] and commanded speeds [rad/s] of the corners of a profile, from 0 to its end, linear in between."""
     moves, _, end = lay_out(blocks, accel)
     t, w = trapezoids(moves, accel, end)
-    inside = t < end - 1e-9
+    again = (np.diff(t, prepend=-1.0) < 1e-9) & (np.diff(w, prepend=np.nan) == 0.0)
+    inside = (t < end - 1e-9) & ~again
     return np.append(t[inside], end), np.append(w[inside], 0.0)
 
 

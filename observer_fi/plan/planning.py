@@ -59,10 +59,10 @@ class Profile:
 class Plan:
     """What to record next, and why.
 
-    rivals: of two that no move can tell apart, without forms. before: moves that are usually recorded, as long. simpler: one kind of move repeated.
-    confirmed: simulated logs of the planned moves, fitted by all rivals. decides: whether all of them, and the expectation, are
-    above odds of 100. why: what stands in the way, or what carries it. std: where constants are asked for, their standard errors
-    after the usual moves, the planned and the simpler ones; log_odds are then 0.
+    rivals: of two that no move can tell apart, without forms. before: moves that are usually recorded, as long. simpler: one
+    kind of move repeated. confirmed: simulated logs of the planned moves, fitted by all rivals. decides: whether all of them,
+    and the expectation, are above odds of 100. why: what stands in the way, or what carries it. std: where constants are asked
+    for, their standard errors after the usual moves, the planned and the simpler ones; log_odds are then 0.
     """
 
     rig: Rig
@@ -220,5 +220,6 @@ def _stands_in_the_way(
             levels = ", ".join(f"{p:g}" for p in wider.pitches)
             return f"{words}; the pitch binds: with levels of {levels} deg they would leave {more:.3g}"
     if planned.log_odds > _SOMETHING:
-        return f"{words}; the time binds: about {limits.seconds * max(_SURE / planned.log_odds, 1.5):.0f} s of such moves would do"
+        enough = limits.seconds * max(_SURE / planned.log_odds, 1.5)
+        return f"{words}; the time binds: about {enough:.0f} s of such moves would do"
     return f"{words}; within these limits the rivals move the readings alike"

@@ -44,7 +44,7 @@ def test_the_linear_look_is_what_a_fit_leaves(rivals):
 
 
 def test_a_profile_says_what_its_blocks_say(rivals):
-    """Each simulated once, in any order: what adds up is what the whole profile says, but for its first move and the way there."""
+    """What adds up of blocks simulated once is what the whole profile says, but for its first move."""
     blocks = [b for b in family(LIMITS) if b.words.startswith("from rest to 207")][:1] + list(
         campaign(LIMITS)[:1]
     )
