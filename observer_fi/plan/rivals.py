@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from observer_fi.errors import UsageError
 from observer_fi.improve import base_parameters, free_of, start_values
@@ -83,17 +84,22 @@ def asked_by(path: Path) -> list[Asked]:
     """The first finding of an improve.json that has rivals, or the first, with its size, and its rivals. Raises UsageError."""
     try:
         findings = json.loads(path.read_text(encoding="utf-8"))["findings"]
-        found = next((f for f in findings if f["indistinguishable_from"]), findings[0] if findings else None)
-        if found is None:
-            raise UsageError(
-                f"{path}: improve found no cause, so there are no rivals; name them with --between"
-            )
-        values = {name: float(p["value"]) for name, p in found["parameters"].items()}
-        return [(str(found["cause"]), values), *((str(name), {}) for name in found["indistinguishable_from"])]
+        each = [
+            (str(f["cause"]), _sizes(f), [str(name) for name in f["indistinguishable_from"]])
+            for f in findings
+        ]
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, KeyError, TypeError, AttributeError):
         raise UsageError(f"{path}: this is not an improve.json of observer-fi improve") from None
+    if not each:
+        raise UsageError(f"{path}: improve found no cause, so there are no rivals; name them with --between")
+    cause, values, rivals = next((f for f in each if f[2]), each[0])
+    return [(cause, values), *((name, {}) for name in rivals)]
+
+
+def _sizes(finding: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(p["value"]) for name, p in finding["parameters"].items()}
 
 
 def checked(asked: Sequence[Asked], option: str = "--between") -> list[Asked]:

@@ -24,7 +24,7 @@ def moves_csv(plan: Plan, profile: Profile | None = None) -> str:
     header = "position_cmd_m" if plan.rig.driven.command else "speed_cmd_rad_s"
     lines = [f"time_s,{header},pitch_deg"]
     if blocks:
-        t, w = corners_of(blocks, plan.limits.accel)
+        t, w = _with_settings(*corners_of(blocks, plan.limits.accel), blocks, plan.limits)
         value = _positions(t, w, plan) if plan.rig.driven.command else w
         pitch = _pitches(t, blocks, plan.limits)
         rows = zip(t.tolist(), value.tolist(), pitch.tolist(), strict=True)
@@ -37,9 +37,19 @@ def _positions(t: Array, w: Array, plan: Plan) -> Array:
     return plan.rig.model["D"] * np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def _pitches(t: Array, blocks: Sequence[Block], limits: Limits) -> Array:
+def _with_settings(t: Array, w: Array, blocks: Sequence[Block], limits: Limits) -> tuple[Array, Array]:
+    """The corners, with a row in the middle of every rest in which another pitch is set."""
     placed = lay_out(blocks, limits.accel)[1]
-    ends = np.array([p.end for p in placed])
+    new = [b.begin for a, b in zip(placed[:-1], placed[1:], strict=True) if a.block.pitch != b.block.pitch]
+    at = np.array(new) - 0.5 * limits.rest_s
+    where = np.searchsorted(t, at)
+    return np.insert(t, where, at), np.insert(w, where, 0.0)
+
+
+def _pitches(t: Array, blocks: Sequence[Block], limits: Limits) -> Array:
+    """The level from each time on: that of a block is set in the rest before it."""
+    placed = lay_out(blocks, limits.accel)[1]
+    ends = np.array([p.end for p in placed]) - 0.5 * limits.rest_s
     number = np.minimum(np.searchsorted(ends, t + 1e-9, "left"), len(placed) - 1)
     return np.array([p.block.pitch for p in placed])[number]
 

@@ -152,7 +152,11 @@ def test_the_truth_plays_a_plan_at_its_pitches(play):
     assert [level for _, level in profile.pitch_steps] == [0.0, 5.0]
     t, w = profile.curve
     inside = profile.pitch_steps[1][0]
-    assert np.interp([inside - 1e-3, inside + 1e-6], t, w).tolist() == [0.0, 0.0]
+    assert np.interp([inside - 0.1, inside + 0.1], t, w).tolist() == [
+        0.0,
+        0.0,
+    ]  # at rest, well before the move
+    assert profile.moves[0].start_s == pytest.approx(0.3) and len(profile.moves) >= 4
 
 
 def test_an_independent_truth_is_told_by_the_planned_moves():
