@@ -45,7 +45,7 @@ def words() -> frozenset[str]:
 
 def is_there(quoted: str) -> bool:
     """Whether a path exists, or every part of a dotted name occurs in the sources."""
-    if "/" in quoted or re.search(r"\.(py|md|toml|txt|json|html|parquet|gz)$", quoted):
+    if "/" in quoted or re.search(r"\.(py|md|toml|txt|json|html|parquet|csv|gz)$", quoted):
         places = (ROOT / quoted, ROOT / "observer_fi" / quoted)
         written = quoted.split("/")[-1] in words_of_outputs()
         return quoted in files() or written or any(place.exists() for place in places)
@@ -63,7 +63,7 @@ def words_of_outputs() -> frozenset[str]:
     """Files that commands write: their names stand in the sources as text."""
     sources = (path.read_text(encoding="utf-8") for path in (ROOT / "observer_fi").rglob("*.py"))
     return frozenset(
-        name for text in sources for name in re.findall(r"[\w.]+\.(?:json|html|parquet|toml)", text)
+        name for text in sources for name in re.findall(r"[\w.]+\.(?:json|html|parquet|toml|csv)", text)
     )
 
 
