@@ -11,8 +11,8 @@ from typing import NoReturn
 from observer_fi import __version__
 from observer_fi.cli import inspection as cli_inspection
 from observer_fi.cli import learning as cli_learning
-from observer_fi.cli import rigs as cli_rigs
 from observer_fi.cli import planning as cli_planning
+from observer_fi.cli import rigs as cli_rigs
 from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import trends as cli_trends
 from observer_fi.cli import verdicts as cli_verdicts
