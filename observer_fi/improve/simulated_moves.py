@@ -83,6 +83,7 @@ _SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
 _STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in the steps between moves
 _SLOW_SHARE = 0.5  # of the dust that must be left in means over some ms before smooth terms are tried
+_BELOW = 0.02  # nats a reading below the noise, from which a freed equation follows the noise
 _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told without a name
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
 _TOO_FAR = 5.0  # standard deviations of their priors
@@ -410,10 +411,13 @@ class SimulatedMoves:
         experiment, fitted = self.experiment, ladder.extended
         most = excess(experiment, ladder.baseline.residuals) if ladder.steps else 0.0
         least = max(WANTED_NATS, _CLEARLY * dust(experiment, most))
-        if slow_excess(experiment, fitted.residuals) > _SLOW_SHARE * least:
+        whole = raw_excess(experiment, fitted.residuals)
+        below = whole < -_BELOW * int(
+            (experiment.weight > 0.0).sum()
+        )  # noise of the logger that is not white
+        if not below and slow_excess(experiment, fitted.residuals) > _SLOW_SHARE * least:
             freed = [row for row in free_equations(experiment, fitted)[0] if row.gain >= least]
             if freed:
-                whole = raw_excess(experiment, fitted.residuals)
                 return (nameless(freed[0].equation, freed[0].gain, whole),)
         return tuple(nameless(equation, 0.0, 0.0) for equation in self._bent(fitted))
 
