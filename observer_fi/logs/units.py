@@ -16,6 +16,7 @@ from observer_fi.records import Array, Log, Segment
 FEWEST = 20  # samples at full speed that a mean needs
 PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
+HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
 START_S = 0.015  # in which a servo speeds up and does not brake yet
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
@@ -30,21 +31,23 @@ def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[s
         w = float(np.abs(log.w_cmd[full]).mean())
         notes += _ratio_notes("voltage_v", np.abs(log.z[full, 0]), model["Km"] * w)
         notes += _ratio_notes("position_m", _steps(log, full), model["D"] * w / log.rate_hz)
-        notes += _sign_notes(log, moves, full, model["Km"] * w, model["D"] * w / log.rate_hz)
+        notes += _sign_notes(log, moves, full, model)
     return tuple(notes)
 
 
-def _sign_notes(
-    log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], volts: float, step: float
-) -> Iterator[str]:
-    """Channels that go the other way than the command: voltage and position at full speed, current as a move starts."""
+def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], model: Model) -> Iterator[str]:
+    """Channels that go the other way than the command: voltage and position at full speed, current as a hard start begins."""
+    w = float(np.abs(log.w_cmd[full]).mean())
+    volts, step = model["Km"] * w, model["D"] * w / log.rate_hz
+    resistance = model["Rm"] + model["Rs"]
+    most = model["Vmax"] / resistance if resistance > 0.0 else np.inf
     way = np.sign(log.w_cmd)
     found = []
     if _mean(log.z[full, 0] * way[full]) < -OPPOSITE * volts:
         found.append("voltage_v")
     if _mean(_steps(log, full)) < -OPPOSITE * step:
         found.append("position_m")
-    pushes = [i for move in moves for i in (_first_push(log, move),) if np.isfinite(i)]
+    pushes = [i for move in moves for i in (_first_push(log, move, most),) if np.isfinite(i)]
     if pushes and max(pushes) < -OPPOSITE:
         found.append("current_a")
     if len(found) == 3:
@@ -55,12 +58,15 @@ def _sign_notes(
         )
 
 
-def _first_push(log: Log, move: Segment) -> float:
-    """Mean current along the command as a move from rest starts, over the largest there [1]; NaN where nobody knows."""
+def _first_push(log: Log, move: Segment, most: float) -> float:
+    """Mean current along the command as a move from rest starts, over the largest there [1].
+
+    NaN where nobody knows, and of a soft start, whose current stays below a share of the most that the supply drives [A].
+    """
     begin = slice(move.start, move.start + max(round(START_S * log.rate_hz), 2))
     i = log.z[begin, 1] * np.sign(move.peak)
     largest = _largest(i)
-    return _mean(i) / largest if largest > 0.0 else np.nan
+    return _mean(i) / largest if largest > HARD * most else np.nan
 
 
 def _mean(values: Array) -> float:
