@@ -51,6 +51,7 @@ def test_what_has_no_name_stays_without_one():
     assert row["unexplained"][0] == ["torque", "position"]
 
 
+@pytest.mark.slow
 def test_two_at_once():
     row = hide(PAIRS[0], 3.0)
     assert {names[0] for names in row["found"]} == set(PAIRS[0])

@@ -89,6 +89,7 @@ _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equ
 _TOO_FAR = 5.0  # standard deviations of their priors
 _GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
 _GROSS_STARTS = 4
+_GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -228,9 +229,14 @@ class SimulatedMoves:
             gain = fitted.objective - result.objective
             price = candidate.gain - candidate.net
             found.append(Trial((candidate,), result, gain, (gain - price,)))
-        if fitted is self._baseline:
+        if fitted is self._baseline and self._is_left(found):
             found += self._gross_trials(fitted, candidates)
         return sorted(found, key=lambda trial: -trial.nets[0])
+
+    def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
+        """Whether the best of some trials leaves a good part of the refit's misfit."""
+        left = min((excess(self.experiment, trial.fitted.residuals) for trial in trials), default=self._most)
+        return left > _GROSS_LEFT * self._most
 
     def _gross_trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         """Where the refit fails by far: effects that are too large for a score beside it, from the rig as it was given."""

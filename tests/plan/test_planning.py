@@ -65,6 +65,7 @@ def test_exact_aliases_are_told_at_once():
     assert moves_csv(plan).splitlines() == ["time_s,speed_cmd_rad_s,pitch_deg"]
 
 
+@pytest.mark.slow
 def test_where_the_pitch_binds_the_plan_says_so():
     asked = parse("load_dependent_friction:load_friction=0.004,none")
     level = plan_causes(asked, RIG, limits_of(RIG, 4.0))
@@ -94,6 +95,7 @@ def test_constants_that_need_a_pitch_get_one():
         plan_constants(("Q",), RIG, limits_of(RIG))
 
 
+@pytest.mark.slow
 def test_a_position_servo_gets_positions():
     rig = behind_a_loop()
     plan = plan_causes(parse("backlash,position_lag"), rig, limits_of(rig, 4.0))
