@@ -1,4 +1,4 @@
-"""Errors that are a user's to mend: their message is the one line that a command prints."""
+"""Errors that are a user's to mend, or a cluster's: their message is the one line that a command prints."""
 
 MOST_SHOWN = 2000  # characters of one line: names and paths of a log may be of any length
 
@@ -28,3 +28,7 @@ class InvalidLogError(_OneLineError):
 
 class UsageError(_OneLineError):
     """A command, rig or map that cannot be used. The message is the one line a user sees."""
+
+
+class LostClusterError(Exception):
+    """The scheduler, or the last worker, is gone: the message says which. What was done is kept."""

@@ -17,6 +17,7 @@ from observer_fi.cli import synthetic as cli_synthetic
 from observer_fi.cli import trends as cli_trends
 from observer_fi.cli import verdicts as cli_verdicts
 from observer_fi.cli.options import (
+    BUG,
     OK,
     USAGE,
     Command,
@@ -25,7 +26,7 @@ from observer_fi.cli.options import (
     tell_when_compiling,
     writable_output,
 )
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 
 
 class _Parser(argparse.ArgumentParser):
@@ -50,6 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InvalidLogError, UsageError) as error:
         complain(str(error))
         return USAGE
+    except LostClusterError as error:
+        complain(f"{error}: run the same command again to go on")
+        return BUG
     except BrokenPipeError:  # the reader of our output has gone: nothing to tell it
         give_up_output()
         return OK

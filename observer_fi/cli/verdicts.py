@@ -23,7 +23,7 @@ from observer_fi.cli.options import (
     seconds,
     taken,
 )
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 
 
 def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
@@ -153,7 +153,7 @@ def run_fleet(args: argparse.Namespace) -> int:
     try:
         for row in progress(fleet.run(job, todo, args.workers, args.scheduler), args, len(todo), "log"):
             rows.append(row)
-    except fleet.LostClusterError as error:
+    except LostClusterError as error:
         lost = str(error)
     for problem in fleet.problems(rows):
         complain(problem)

@@ -76,10 +76,8 @@ def digests(
             yield from _told(make(job, path), say)
         return
     shared = replace(job, kept=job.kept.resolve())
-    for path, future in spread(make, shared, {path: (path,) for path in todo}, workers, scheduler):
-        error = future.exception()
-        yield from _told(f"{path}: {error}" if error is not None else future.result(), say)
-        future.release()
+    for path, found in spread(make, shared, {path: (path,) for path in todo}, workers, scheduler):
+        yield from _told(f"{path}: {found}" if isinstance(found, Exception) else found, say)
 
 
 def _told(found: Digest | str, say: Callable[[str], object]) -> Iterator[Digest]:

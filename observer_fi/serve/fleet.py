@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap
 from observer_fi.physics import FAULTS, NOT_TESTED, Rig, colour_of, rig_toml
 from observer_fi.records import Outcome
@@ -257,9 +257,8 @@ def run(
         return
     job = replace(job, folder=job.folder.resolve(), out=job.out.resolve())
     items = {log: (log, name) for log, name in logs.items()}
-    for log, future in spread(work, job, items, workers, scheduler):
-        yield _row_of(future, log)
-        future.release()
+    for log, row in spread(work, job, items, workers, scheduler):
+        yield bad_row(log, "failed", _words(row)) if isinstance(row, Exception) else row
     for name in logs.values():  # a worker that was killed while it wrote could not do it
         clear_leftovers(job.out / name)
 
@@ -271,7 +270,7 @@ def spread(
     workers: int,
     scheduler: str | None,
 ) -> Iterator[tuple[str, Any]]:
-    """Names of the items and their futures as they finish: function(shared, *item) on every worker that is free.
+    """Names of the items and function(shared, *item) of each, or the error that it ended in, as workers finish them.
 
     Raises UsageError where there is no dask, or no scheduler; LostClusterError where the cluster goes on the way.
     """
@@ -285,23 +284,19 @@ def spread(
             for k, (name, item) in enumerate(items.items())
         }
         for future in _finished(client, as_completed(list(futures))):
-            yield futures.pop(future), future
+            yield futures.pop(future), _result_of(future)
+            future.release()
 
 
-def _row_of(future: Any, log: str) -> dict[str, Any]:
-    """The row of a log that was done. Raises LostClusterError where it went with its cluster."""
-    error = future.exception()
-    if error is not None:
-        return bad_row(log, "failed", _words(error))
+def _result_of(future: Any) -> Any:
+    """What a finished future holds, or its error. Raises LostClusterError where it went with its cluster.
+
+    A result stays on its worker until it is asked for: a connection may break here, too.
+    """
     try:
-        row: dict[str, Any] = future.result()
-    except CancelledError as gone:
+        return future.exception() or future.result()
+    except (CancelledError, OSError, TimeoutError) as gone:
         raise LostClusterError("the cluster is gone") from gone
-    return row
-
-
-class LostClusterError(Exception):
-    """The scheduler, or the last worker, is gone: the message says which."""
 
 
 def _finished(client: Any, under_way: Any) -> Iterator[Any]:

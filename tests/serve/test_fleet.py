@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from observer_fi.cli.commands import main
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 from observer_fi.logs import SUFFIXES, read_log
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.physics.scenario import Fault, Move, Scenario, csv_bytes, synthesise
-from observer_fi.serve import fleet
+from observer_fi.serve import digests, fleet
 from observer_fi.settings import Settings
 from pipelines import fleet_summary
 
@@ -420,6 +421,37 @@ def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
     assert len(rows) == 12 and 3 <= sum(row["status"] == "done" for row in rows) < 12
     job = make_job(tmp_path)
     assert len(fleet.split(job, fleet.find_logs(job))[0]) >= 3  # they are not done again
+
+
+@pytest.mark.parametrize("error", [ConnectionResetError("reset"), TimeoutError("late"), CancelledError()])
+def test_a_result_that_cannot_be_fetched_is_a_lost_cluster(error: Exception) -> None:
+    """A log may be done just before its scheduler dies: its row is still on the worker then."""
+
+    class Gone:
+        def exception(self) -> None:
+            return None
+
+        def result(self) -> None:
+            raise error
+
+    with pytest.raises(LostClusterError):
+        fleet._result_of(Gone())
+
+
+def test_trend_on_a_cluster_that_is_lost_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_logs(tmp_path / "logs", 3, 0)
+
+    def lost(*_: Any) -> Iterator[Any]:
+        raise LostClusterError("the last worker is gone")
+        yield
+
+    monkeypatch.setattr(digests, "ALONE", 0)
+    monkeypatch.setattr(digests, "spread", lost)
+    assert main(["trend", str(tmp_path / "logs"), "--out", str(tmp_path / "out"), "--workers", "2"]) == 1
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1 and "the last worker is gone: run the same command again" in said
 
 
 def cluster_scheduler(address: str) -> int:
