@@ -21,6 +21,7 @@ from observer_fi.verdict.drift import Drift
 from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
+SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
 SETTLING = 8  # samples after a change of winner
 AT_START_S = 0.02  # of a move: a fault may have been there before it
 
@@ -456,6 +457,16 @@ def healthy(event: Event) -> Event:
     )  # fmt: skip
 
 
+def _spikes(normalised: Array) -> Mask:
+    """Readings that stand alone, or in twos, where no model is near: an interference on a wire says nothing of the fit. [n, c]"""
+    gross = np.abs(normalised) > SPIKE
+    lasting = np.zeros((len(gross) + 4, gross.shape[1]), dtype=bool)
+    three = gross[:-2] & gross[1:-1] & gross[2:]
+    for k in range(3):
+        lasting[k : k + len(three)] |= three
+    return gross & ~lasting[: len(gross)]
+
+
 class Whiteness:
     """Mean NIS of the winner while moving, and Ljung-Box whiteness of its innovations in steady motion, accumulated.
 
@@ -478,7 +489,7 @@ class Whiteness:
         v = e.normalised[e.active]
         if not v.size:
             return
-        good = np.isfinite(v)
+        good = np.isfinite(v) & ~_spikes(v)
         self.nis += float((np.where(good, v, 0.0) ** 2).sum())
         self.expected += float(good.sum())
         self.samples += int(good.any(axis=1).sum())
