@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.logs import CHUNK_ROWS, moves_from_rest, with_command
-from observer_fi.physics import OPEN_LOOP, Rig, synthesise
+from observer_fi.physics import NOMINAL, NOT_TESTED, OPEN_LOOP, Rig, synthesise
 from observer_fi.records import Isolation, Log
 from observer_fi.settings import Settings
-from observer_fi.verdict import diagnose_log, scenarios, scores
+from observer_fi.verdict import describes, diagnose_log, scenarios, scores
 
 CASES = 12  # simulated logs: a third healthy, a third each fault, half of them in the start
 FAULTS = OPEN_LOOP[1:]
@@ -53,8 +53,7 @@ def measure_diagnosis_gain(
 
     Measured moves count as healthy, as those that a model is learned from should be.
     """
-    parts = [part for log in logs for part in pieces(log)]
-    events = [e for part in parts for e in _isolation(part, rig, settings).events]
+    labels = [label for log in logs for part in pieces(log) for label in _labels(part, rig, settings)]
     judged = []
     for k, (group, scenario) in enumerate(scenarios(cases, seed=0)):
         log, truth = synthesise(replace(scenario, spread=False), plant, f"simulated_{k}")
@@ -63,14 +62,21 @@ def measure_diagnosis_gain(
     faults = [c for c in judged if c.truth != "nominal"]
     delays = {f: [c.delay_s for c in faults if c.truth == f and np.isfinite(c.delay_s)] for f in FAULTS}
     return DiagnosisGain(
-        sum(e.label != "nominal" for e in events),
-        len(events),
+        sum(label != NOMINAL for label in labels),
+        len(labels),
         sum(not c.right for c in healthy),
         len(healthy),
         sum(c.right for c in faults),
         len(faults),
         {f: float(np.median(d)) if d else float("nan") for f, d in delays.items()},
     )
+
+
+def _labels(part: Log, rig: Rig, settings: Settings) -> list[str]:
+    """One for each move; of a part of which nothing is said because the rig is another's, one for all the moves that it holds."""
+    outcome = diagnose_log(part, rig, settings)
+    events = outcome.isolation.events if outcome.isolation else ()
+    return [e.label for e in events] if describes(outcome) else [NOT_TESTED] * len(moves_from_rest(part))
 
 
 def _isolation(log: Log, rig: Rig, settings: Settings) -> Isolation:

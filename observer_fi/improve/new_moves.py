@@ -13,10 +13,10 @@ from observer_fi.improve.problem import Ladder
 from observer_fi.improve.simulated_moves import SimulatedMoves
 from observer_fi.learn import FitResult, without_moves
 from observer_fi.logs import moves_from_rest
-from observer_fi.physics import Rig, with_values
+from observer_fi.physics import NOMINAL, Rig, with_values
 from observer_fi.records import Log
 from observer_fi.settings import Settings
-from observer_fi.verdict import diagnose_log
+from observer_fi.verdict import describes, diagnose_log
 
 MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
 _REST_S = 1.0  # of the rests around a move
@@ -95,5 +95,7 @@ def _without(rig: Rig, fitted: FitResult, move: int) -> Rig:
 
 
 def _is_alarm(part: Log, rig: Rig) -> bool:
-    found = diagnose_log(part, rig, Settings()).isolation
-    return found is not None and any(event.label not in ("nominal", "not_tested") for event in found.events)
+    """Whether a healthy move is called faulty, or not that of this rig's machine."""
+    outcome = diagnose_log(part, rig, Settings())
+    events = outcome.isolation.events if outcome.isolation else ()
+    return not describes(outcome) or any(event.label != NOMINAL for event in events)

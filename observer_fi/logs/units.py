@@ -17,21 +17,21 @@ FEWEST = 20  # samples at full speed that a mean needs
 PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
 HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
-START_S = 0.015  # in which a servo speeds up and does not brake yet
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
 def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[str, ...]:
     """A note for every channel whose size a rig like `model` cannot produce; none is the usual answer."""
-    if any(note.startswith(ABSENT) for note in log.notes):
-        return ()  # a command that the rig recovered knows the rig's units only
-    notes = [*_drive_notes(log, model)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
+    logged = not any(
+        note.startswith(ABSENT) for note in log.notes
+    )  # another command is made of the rig and the readings
+    notes = [*_drive_notes(log, model, logged)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
     full = _at_full_speed(log, moves)
     if np.count_nonzero(full) >= FEWEST:
         w = float(np.abs(log.w_cmd[full]).mean())
         notes += _ratio_notes("voltage_v", np.abs(log.z[full, 0]), model["Km"] * w)
         notes += _ratio_notes("position_m", _steps(log, full), model["D"] * w / log.rate_hz)
-        notes += _sign_notes(log, moves, full, model)
+        notes += _sign_notes(log, moves, full, model) if logged else []
     return tuple(notes)
 
 
@@ -47,7 +47,8 @@ def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], m
         found.append("voltage_v")
     if _mean(_steps(log, full)) < -OPPOSITE * step:
         found.append("position_m")
-    pushes = [i for move in moves for i in (_first_push(log, move, most),) if np.isfinite(i)]
+    while_starting = _quarter_of_a_ring(model)
+    pushes = [i for move in moves for i in (_first_push(log, move, most, while_starting),) if np.isfinite(i)]
     if pushes and max(pushes) < -OPPOSITE:
         found.append("current_a")
     if len(found) == 3:
@@ -58,12 +59,18 @@ def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], m
         )
 
 
-def _first_push(log: Log, move: Segment, most: float) -> float:
-    """Mean current along the command as a move from rest starts, over the largest there [1].
+def _quarter_of_a_ring(model: Model) -> float:
+    """In which a servo speeds up and does not brake yet [s]; 0 where nobody knows the servo."""
+    stiffness = model["Km"] * model["Ki"]
+    return 0.5 * np.pi * float(np.sqrt(model["J"] / stiffness)) if stiffness > 0.0 else 0.0
+
+
+def _first_push(log: Log, move: Segment, most: float, seconds: float) -> float:
+    """Mean current along the command in the first seconds of a move from rest, over the largest there [1].
 
     NaN where nobody knows, and of a soft start, whose current stays below a share of the most that the supply drives [A].
     """
-    begin = slice(move.start, move.start + max(round(START_S * log.rate_hz), 2))
+    begin = slice(move.start, move.start + round(seconds * log.rate_hz))
     i = log.z[begin, 1] * np.sign(move.peak)
     largest = _largest(i)
     return _mean(i) / largest if largest > HARD * most else np.nan
@@ -74,14 +81,21 @@ def _mean(values: Array) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
-def _drive_notes(log: Log, model: Model) -> Iterator[str]:
-    top = _largest(log.w_cmd)
-    if top > FAR * model["Vmax"] / model["Km"]:
+def _drive_notes(log: Log, model: Model, logged: bool) -> Iterator[str]:
+    """logged: whether the command is that of the log."""
+    top = _often(log.w_cmd)
+    if logged and top > FAR * model["Vmax"] / model["Km"]:
         yield f"speed_cmd_rad_s reaches {top:.4g} rad/s, more than the supply can drive: is it in rpm?"
     most = 2.0 * model["Vmax"] / (model["Rm"] + model["Rs"])  # full reversal at full speed
-    peak = _largest(log.z[:, 1])
+    peak = _often(log.z[:, 1])
     if peak > 10.0 * FAR * most:
         yield f"current_a reaches {peak:.4g} A, the supply drives at most {most:.2g} A: is it in mA?"
+
+
+def _often(values: Array) -> float:
+    """The size that `FEWEST` readings reach, all of a short log: spikes are no unit."""
+    sizes = np.sort(np.abs(values[np.isfinite(values)]))
+    return float(sizes[-min(FEWEST, sizes.size)]) if sizes.size else 0.0
 
 
 def _largest(values: Array) -> float:

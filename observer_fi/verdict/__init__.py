@@ -6,6 +6,7 @@ from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate,
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import Isolator, log_verdict, tested
 from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_samples
+from observer_fi.verdict.wrong_rig import describes
 
 __all__ = [
     "FEWEST_MOVING",
@@ -15,6 +16,7 @@ __all__ = [
     "as_dict",
     "compare",
     "comparison",
+    "describes",
     "diagnose",
     "diagnose_log",
     "for_readings",

@@ -284,7 +284,7 @@ class Diagnosis:
         self._ask_moves(found.events[-1:])
         events = tuple(handed_on([self._finished(e) for e in found.events]))
         verdict = log_verdict(list(events))
-        foreign = wrong_rig(verdict, found.consistency, self.suspects or ())
+        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or ())
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)

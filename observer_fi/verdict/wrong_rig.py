@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
-from observer_fi.records import Consistency, Event
+from observer_fi.records import Consistency, Event, Outcome
 
 SAID = "this rig file does not describe this machine"
 FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
@@ -17,18 +17,26 @@ _FROM_THE_START = (
 )
 
 
+def describes(outcome: Outcome) -> bool:
+    """Whether a diagnosis takes its rig file for that of the machine."""
+    return not any(warning.startswith(SAID) for warning in outcome.warnings)
+
+
 def _from_the_start(verdict: Event) -> bool:
     """Whether a fault without a name begins with the motion itself."""
     onset = verdict.onset_s
     return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
 
 
-def wrong_rig(verdict: Event, consistency: Consistency, suspects: Sequence[str]) -> str:
+def wrong_rig(
+    verdict: Event, events: Sequence[Event], consistency: Consistency, suspects: Sequence[str]
+) -> str:
     """Why a fault that was found is none, "" where it may be one. suspects: what is odd about the size of channels.
 
-    The free hypothesis follows any torque and any voltage, so that even a fault without a name leaves it small innovations.
+    A rig that one move fits, the first of `events`, is this machine's. The free hypothesis follows any torque and any voltage, so
+    that even a fault without a name leaves it small innovations.
     """
-    if verdict.label in (NOMINAL, NOT_TESTED):
+    if verdict.label in (NOMINAL, NOT_TESTED) or (events and events[0].label == NOMINAL):
         return ""
     if suspects:
         return f"{SAID}, or a column has another unit or sign than its map says: {suspects[0]}"

@@ -8,8 +8,11 @@ import pytest
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
+from observer_fi.records import Consistency
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.testable import not_tested
+from observer_fi.verdict.wrong_rig import wrong_rig
 
 RIG = load_rig()
 SEEDS = (21, 22, 23, 24)
@@ -18,6 +21,7 @@ UNITS = {
     "rpm": ("speed_cmd_rad_s", 9.549), "V down": ("voltage_v", -1.0), "x down": ("position_m", -1.0),
     "i down": ("current_a", -1.0), "command down": ("speed_cmd_rad_s", -1.0),
 }  # fmt: skip
+BOTH = (("nominal", 0.3), ("unknown", 2.3))
 # Actuators that the paper's rig file does not describe: their constants over those of Table 1.
 MACHINES = {
     "another motor": {"Rm": 0.1, "Km": 2.0, "J": 20.0, "A": 10.0, "Kp": 15.0, "Ki": 15.0},
@@ -49,6 +53,22 @@ def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None
     assert "does not describe this machine" in warnings and column in warnings
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_millimetres_are_told_where_no_command_is_logged(seed: int) -> None:
+    frame = move(seed).drop(columns="speed_cmd_rad_s")
+    frame["position_m"] *= 1e3
+    found, warnings = verdict(frame)
+    assert found.label == "not_tested" and "position_m" in warnings
+
+
+@pytest.mark.parametrize("seed", SEEDS[:2])
+def test_spikes_of_a_current_are_no_unit(seed: int) -> None:
+    frame = move(seed, "overload")
+    frame.loc[[700, 2100, 3300], "current_a"] = 80.0
+    found, warnings = verdict(frame)
+    assert found.label == "overload" and "describe this machine" not in warnings
+
+
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_another_machine_is_never_a_sure_fault(machine: str, seed: int) -> None:
@@ -64,3 +84,11 @@ def test_another_machine_is_never_a_sure_fault(machine: str, seed: int) -> None:
 def test_a_fault_on_the_right_machine_stays_one(label: str, seed: int) -> None:
     found, warnings = verdict(move(seed, label))
     assert found.label == label and "describe this machine" not in warnings
+
+
+def test_a_rig_that_fits_one_move_is_this_machines() -> None:
+    """What goes wrong at once in a later move is a fault: a healthy move came first."""
+    consistency = Consistency(200.0, 3.0, 0.0)
+    good, bad = (not_tested("")._replace(label=label, start_s=at, onset_s=at) for label, at in BOTH)
+    assert wrong_rig(bad, (bad,), consistency, ()) and wrong_rig(bad, (bad, good), consistency, ("odd",))
+    assert not wrong_rig(bad, (good, bad), consistency, ("odd",))
