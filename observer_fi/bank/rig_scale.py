@@ -1,13 +1,17 @@
 """How large a rig is beside the paper's, whose numbers stand in the settings and in `FAULTS`."""
 
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
-from observer_fi.physics import Model, Rig
+from observer_fi.physics import Model, Rig, load_rig
 from observer_fi.settings import BankSettings
 
-# Table 1 of the paper: what it takes to move and to start its motor.
-_FRICTION_NM, _INERTIA, _KM, _KI, _TRAVEL = 4.6e-4, 4.7e-7, 21.2e-3, 0.45, 1.9e-6
+
+@cache
+def _papers() -> Model:
+    """The rig that the settings were found on, from its file."""
+    return load_rig().model
 
 
 class Scale(NamedTuple):
@@ -34,10 +38,13 @@ class Scale(NamedTuple):
 
 def scale_of(model: Model) -> Scale:
     """That of a rig with a motor."""
-    torque = max(model["A"] / _FRICTION_NM, model["J"] / _INERTIA)
+    paper = _papers()
+    torque = max(model["A"] / paper["A"], model["J"] / paper["J"])
     held = model["Km"] * model["Ki"]
-    integral = (model["A"] / held) / (_FRICTION_NM / (_KM * _KI)) if held and model["A"] else 1.0
-    return Scale(torque, torque * _KM / model["Km"], model["D"] / _TRAVEL, integral)
+    integral = (
+        (model["A"] / held) / (paper["A"] / (paper["Km"] * paper["Ki"])) if held and model["A"] else 1.0
+    )
+    return Scale(torque, torque * paper["Km"] / model["Km"], model["D"] / paper["D"], integral)
 
 
 PAPERS_HZ = 1600.0  # samples a second of the paper, for which the settings' agility was found
