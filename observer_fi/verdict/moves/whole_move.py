@@ -92,6 +92,8 @@ class WholeMove:
         self.looks = tuple(max(LEFT, round(look / self.interval)) for look in LOOKS_S)
         self.memories, density, self.nis = self._follow(self.nominal, memory, 0)
         self.until = np.concatenate(([0.0], np.cumsum(density)))
+        self.before: dict[int, HypothesisState] = {}
+        self.found: dict[tuple[Hypothesis, int, int], Begin] = {}
 
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
@@ -196,7 +198,10 @@ class WholeMove:
         return self._gains(h, [begin], look, near=near)[begin]
 
     def _best_begin(self, h: Hypothesis, first: int, last: int, look: int) -> tuple[float, int]:
-        """Gain over the next `look` samples, and the begin that has it, to a stride."""
+        """Gain over the next `look` samples, and the begin that has it, to a stride.
+
+        Begins that lie close together are compared up to the same sample: which is better shows soon.
+        """
         low, step = (
             first // STRIDE * STRIDE,
             max(STRIDE, min(last - first, look * TRIALS // 2) // TRIALS // STRIDE * STRIDE),
@@ -206,8 +211,10 @@ class WholeMove:
         while step > STRIDE:
             around, step = step, max(STRIDE, step // 4 // STRIDE * STRIDE)
             begins = range(max(best - around, low), min(best + around, last) + 1, step)
-            gains |= self._gains(h, [k for k in begins if k not in gains], look)
-            best = max(gains, key=lambda k: gains[k])
+            near = self._gains(h, begins, 0, best + around + min(look, self.looks[-1]))
+            best = max(near, key=lambda k: near[k])
+        gains |= self._gains(h, {best} - gains.keys(), look)
+        best = max(gains, key=lambda k: gains[k])
         return gains[best], best
 
     def _refined(self, h: Hypothesis, begin: int, look: int) -> Begin:
@@ -216,12 +223,16 @@ class WholeMove:
         Found from the first begin, the constants are where the next ones begin (an iterated filter).
         """
         look, near = min(look, self.looks[-1]), None
+        asked = h, begin, look
+        if asked in self.found:
+            return self.found[asked]
         for around, step in ((4 * STRIDE, 8), (2 * STRIDE, 4), (8, 1)):
             near = self._constants(h, begin, look, near)
             tried = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
             gains = self._gains(h, tried, look, begin + around + look, near)
             begin = max(gains, key=lambda k: gains[k])
-        return _likely(h, gains, near)
+        self.found[asked] = _likely(h, gains, near)
+        return self.found[asked]
 
     def _constants(
         self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
@@ -255,7 +266,7 @@ class WholeMove:
         enter = self._entry(h, near)
         entered = {k: enter(self._nominal_at(k)) for k in begins}
         stops = {k: min(k + look if stop is None else stop, self.n) for k in entered}
-        out = self._together(h, entered, stops)
+        out = self.together(h, entered, stops)
         return {k: v - enter.far - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
 
     def _entry(self, h: Hypothesis, near: HypothesisState | None) -> Entry:
@@ -266,12 +277,14 @@ class WholeMove:
         memory, extra = self.memories[k // STRIDE], k % STRIDE
         if not extra:
             return memory
-        alone = self.filters.of(self.nominal, 1, ROOM)
-        alone.begin(memory)
-        alone.density(self.window, k - extra, k)
-        return alone.memory()
+        if k not in self.before:
+            alone = self.filters.of(self.nominal, 1, ROOM)
+            alone.begin(memory)
+            alone.density(self.window, k - extra, k)
+            self.before[k] = alone.memory()
+        return self.before[k]
 
-    def _together(
+    def together(
         self, h: Hypothesis, entered: dict[int, HypothesisState], stops: dict[int, int]
     ) -> dict[int, float]:
         """Log-likelihood of the samples from each entry to its stop: MOST filters side by side, which join one by one."""
@@ -316,51 +329,82 @@ class WholeMove:
         gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
         held = found.first, found.last
         stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held)
-        back = self._back(h, before)
-        tried: dict[int, float] = {}
-        at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
-
-        def gains(ends: Iterable[int]) -> None:
-            new = {
-                end: back(at[end])
-                for end in ends
-                if end in at and begin < end < self.n - LEFT and end not in tried
-            }
-            rest = self._together(self.nominal, new, dict.fromkeys(new, self.n))
-            for end, value in rest.items():
-                nominal = self.until[-1] - self.until[end]
-                tried[end] = float(gained[end - begin]) + value - nominal - 2.0 * CHANGE_NATS
-
-        def strides(ends: Iterable[int]) -> set[int]:
-            return {begin + STRIDE * max(1, round((end - begin) / STRIDE)) for end in ends}
-
-        step = max(STRIDE, (self.n - begin) // TRIALS // STRIDE * STRIDE)
-        soon = [begin + int(STRIDE * 2 ** (k / 2.0)) for k in range(2 * int(math.log2(max(self.n, 2))))]
-        gains(strides([*soon, *range(begin + step, self.n, step)]))
-        if not tried:
+        ends = _Ends(self, h, begin, self._back(h, before), memories, gained)
+        best = ends.best()
+        if best is None:
             return stays
-        while step > STRIDE:
-            step, best = max(STRIDE, step // 4 // STRIDE * STRIDE), max(tried, key=lambda k: tried[k])
-            gains(strides(range(max(best - 4 * step, begin + STRIDE), best + 4 * step + 1, step)))
-        best = max(tried, key=lambda k: tried[k])
-        at |= self._each(h, at, max(best - STRIDE, begin), best + STRIDE)
-        gains(range(best - STRIDE, best + STRIDE + 1))
-        best = max(tried, key=lambda k: tried[k])
-        lasted = float(nis[: best - begin].mean())
-        later = tried[best] - settled
-        ends = Path(h, begin, best, tried[best], at[best], lasted, later, *held)
-        return max(stays, ends, key=lambda path: path.gain)
+        end, worth, memory = best
+        lasted = float(nis[: end - begin].mean())
+        over = Path(h, begin, end, worth, memory, lasted, worth - settled, *held)
+        return max(stays, over, key=lambda path: path.gain)
 
-    def _each(
-        self, h: Hypothesis, at: dict[int, HypothesisState], first: int, last: int
-    ) -> dict[int, HypothesisState]:
+
+class _Ends:
+    """When a fault that was followed from its begin was over: nominal from there on, over the ends that may be.
+
+    gained: nats over nominal of the fault at each sample from its begin on, and after the last one. memories: of its filter
+    at every STRIDE of them.
+    """
+
+    def __init__(
+        self,
+        move: WholeMove,
+        h: Hypothesis,
+        begin: int,
+        back: Entry,
+        memories: Sequence[HypothesisState],
+        gained: Array,
+    ) -> None:
+        self.move, self.h, self.begin, self.back, self.gained = move, h, begin, back, gained
+        self.at = {begin + k * STRIDE: memory for k, memory in enumerate(memories)}
+
+    def best(self) -> tuple[int, float, HypothesisState] | None:
+        """The end, its gain over nominal in the whole move, and what the fault's filter remembers there, if there is one.
+
+        Ends that lie close together are compared up to the same sample: which is better shows soon.
+        """
+        n, begin, look = self.move.n, self.begin, self.move.looks[-1]
+        step = max(STRIDE, (n - begin) // TRIALS // STRIDE * STRIDE)
+        soon = [begin + int(STRIDE * 2 ** (k / 2.0)) for k in range(2 * int(math.log2(max(n, 2))))]
+        gains = self._gains(self._strides([*soon, *range(begin + step, n, step)]), n)
+        if not gains:
+            return None
+        best = max(gains, key=lambda k: gains[k])
+        while step > STRIDE:
+            around, step = step, max(STRIDE, step // 4 // STRIDE * STRIDE)
+            ends = self._strides(range(max(best - around, begin + STRIDE), best + around + 1, step))
+            near = self._gains(ends | {best}, best + around + look)
+            best = max(near, key=lambda k: near[k])
+        self._remember(max(best - STRIDE, begin), best + STRIDE)
+        near = self._gains(range(best - STRIDE, best + STRIDE + 1), best + STRIDE + look)
+        best = max(near, key=lambda k: near[k])
+        gains |= self._gains({best} - gains.keys(), n)
+        best = max(gains, key=lambda k: gains[k])
+        return best, gains[best], self.at[best]
+
+    def _strides(self, ends: Iterable[int]) -> set[int]:
+        return {self.begin + STRIDE * max(1, round((end - self.begin) / STRIDE)) for end in ends}
+
+    def _gains(self, ends: Iterable[int], stop: int) -> dict[int, float]:
+        """Nats over nominal of each end up to the sample `stop`, less the price of the changes."""
+        move, stop = self.move, min(stop, self.move.n)
+        there = [end for end in ends if end in self.at and self.begin < end < move.n - LEFT]
+        after = move.together(
+            move.nominal, {end: self.back(self.at[end]) for end in there}, dict.fromkeys(there, stop)
+        )
+        price = 2.0 * CHANGE_NATS
+        return {
+            end: float(self.gained[end - self.begin]) + nats - (move.until[stop] - move.until[end]) - price
+            for end, nats in after.items()
+        }
+
+    def _remember(self, first: int, last: int) -> None:
         """What the fault's filter remembers before each sample of first:last, from its memory before the first."""
-        alone, found = self.filters.of(h, 1, ROOM), {}
-        alone.begin(at[first])
-        for k in range(first, min(last, self.n - 1)):
-            alone.density(self.window, k, k + 1)
-            found[k + 1] = alone.memory()
-        return found
+        alone = self.move.filters.of(self.h, 1, ROOM)
+        alone.begin(self.at[first])
+        for k in range(first, min(last, self.move.n - 1)):
+            alone.density(self.move.window, k, k + 1)
+            self.at[k + 1] = alone.memory()
 
 
 def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None) -> Begin:
