@@ -7,7 +7,7 @@ from observer_fi.improve import Improvement, Value
 from observer_fi.learn import Sharing, Solution
 from observer_fi.physics import PARAMETERS, Rig
 from observer_fi.records import Fit
-from observer_fi.report import at_mass, form
+from observer_fi.report import at_mass
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -49,7 +49,7 @@ def findings_table(record: Improvement, held_out: Sequence[float], judged: Seque
         change = f"{held_out[f.step - 1]:.2f} → {held_out[f.step]:.2f}"
         rivals = ", ".join(f.indistinguishable_from) or "-"
         rows.append(
-            (step, f"`{f.cause}`", form(f.variant, f.parameters), sizes, f"{f.delta_bic:.0f}", change,
+            (step, f"`{f.cause}`", f.variant, sizes, f"{f.delta_bic:.0f}", change,
              f"{judged[f.step - 1]:.2f}", rivals)
         )  # fmt: skip
     head = ("step", "cause", "form", "size", "ΔBIC", "held out [%]", "judged [%]", "cannot be told from")
@@ -66,7 +66,7 @@ def _size(name: str, at: Value) -> str:
 
 def separation_list(record: Improvement) -> str:
     """What to record to tell each cause from its rivals."""
-    return "".join(f"- `{f.cause}`: {f.separate_by}\n" for f in record.findings)
+    return "".join(dict.fromkeys(f"- `{f.cause}`: {f.separate_by}\n" for f in record.findings))
 
 
 def refused_table(record: Improvement) -> str:

@@ -19,7 +19,10 @@ STEP = 1e-3
 
 @dataclass(frozen=True)
 class Truth:
-    """Forces [N], N s/m, m/s, m, s. delay: from the command's change to the force's. field: N/m, a spring."""
+    """Forces [N], N s/m, m/s, m, s. delay: from the command's change to the force's. field: N/m, a spring.
+
+    saturating: a drag that grows up to some times local_speed, by another law than the model's.
+    """
 
     forward: float = 0.0
     backward: float = 0.0
@@ -31,11 +34,12 @@ class Truth:
     field: float = 0.0
     offset: float = 0.0
     noise: float = 1e-8
+    saturating: float = 0.0
 
 
 @njit
 def _run(reference, noise, c):
-    forward, backward, local, local_speed, ripple, phase, delay, field, offset = c
+    forward, backward, local, local_speed, ripple, phase, delay, field, offset, saturating = c
     n, sub = reference.size, 20
     h = STEP / sub
     x, v, s, held = reference[0], 0.0, 0.0, 0.0
@@ -48,6 +52,7 @@ def _run(reference, noise, c):
         for j in range(sub):
             drive = want if (j + 0.5) * h > delay else held
             friction = s * (COULOMB + local * math.exp(-((v / local_speed) ** 2)))
+            friction += saturating * math.copysign(1.0 - math.exp(-abs(v) / local_speed), v)
             friction += (forward if v > 0 else backward) * v + offset + field * x
             friction += ripple * math.sin(2 * math.pi * x / TURN + phase)
             v += h * (drive - friction) / MASS
@@ -86,7 +91,7 @@ def log(truth: Truth, seconds: float = 20.0, seed: int = 1) -> Log:
         truth.phase,
         truth.delay,
     )
-    seen, force = _run(wanted, noise, np.array([*c, truth.field, truth.offset]))
+    seen, force = _run(wanted, noise, np.array([*c, truth.field, truth.offset, truth.saturating]))
     z = np.full((wanted.size, 3), np.nan)
     z[:, 2] = seen
     t = STEP * np.arange(wanted.size)

@@ -47,8 +47,18 @@ from observer_fi.logs import Excitation
 from observer_fi.physics import FORCE, Coverage, Rig
 from observer_fi.records import Array, Log
 
+_LOW_SPEEDS = {"stribeck_torque", "saturating_drag"}  # curves of friction over low speeds
 SMEAR_S = 0.01  # one period of the position filter
-_SIGNED = ("viscous_positive", "viscous_negative", "load_friction", "slip_per_torque")
+# Sizes that cannot be below zero.
+_SIGNED = (
+    "A",
+    "viscous_positive",
+    "viscous_negative",
+    "stribeck_torque",
+    "saturating_drag",
+    "load_friction",
+    "slip_per_torque",
+)
 
 
 @dataclass(frozen=True)
@@ -115,13 +125,22 @@ class CalculatedForce:
 
     def screen(self, fitted: Solution, steps: Sequence[Step[Solution]]) -> list[Candidate]:
         self._look_through(fitted)
-        still_open = [c for c in self._vocabulary if _is_open(c, fitted, steps)]
+        still_open = [c for c in self._vocabulary if _is_open(c, fitted, steps) and self._stands(c, fitted)]
         scored = screen(self.columns, self.motions, fitted, still_open)
         gap = {"backlash": smallest_gap(fitted, self.columns.D)}
         return [
             replace(c, detectable={k: max(v, gap.get(k, 0.0)) for k, v in c.detectable.items()})
             for c in scored
         ]
+
+    def _stands(self, candidate: ForceCandidate, fitted: Solution) -> bool:
+        """Whether a form stands alone, or the one that it joins is in the model."""
+        there = {term.name for term in fitted.structure.terms}
+        others = [
+            c for c in self._vocabulary if c.cause is candidate.cause and c.variant is not candidate.variant
+        ]
+        joined = any(t.name in there for c in others if not c.variant.beside for t in c.columns)
+        return joined or not candidate.variant.beside
 
     def _look_through(self, fitted: Solution) -> None:
         """Small kinematic errors are seen through the inertia and the drag that the data show."""
@@ -132,7 +151,8 @@ class CalculatedForce:
     def trials(self, fitted: Solution, candidates: Sequence[Candidate]) -> list[Trial[Solution]]:
         """The leading causes one by one, and pairs that hide each other and win more than both alone."""
         leading = self._leading(_own(candidates))
-        singles = [self._trial(fitted, c) for c in _best_of_each_cause(leading)[: self.settings.rivals]]
+        alone = _best_of_each_cause(c for c in leading if c.possible)
+        singles = [self._trial(fitted, c) for c in alone[: self.settings.rivals]]
         pairs = [self._pair(fitted, pair, singles) for pair in self._hiding_pairs(fitted, leading)]
         return _in_order([*singles, *(pair for pair in pairs if pair is not None)], self._price)
 
@@ -165,12 +185,13 @@ class CalculatedForce:
     def _leading(self, scores: Sequence[ForceCandidate]) -> list[ForceCandidate]:
         """Scores without the causes that these data cannot tell from one that stands before them in the vocabulary.
 
-        Otherwise the name would hang on the third digit of a score; the others are listed as rivals.
+        Otherwise the name would hang on the third digit of a score; the others are listed as rivals. What has the wrong sign
+        now may have the right one beside another cause: both stay.
         """
         order = [c.cause.name for c in self._vocabulary]
         first: list[ForceCandidate] = []
         for score in sorted(scores, key=lambda s: order.index(s.cause.name)):
-            others = [s for s in first if s.cause.name != score.cause.name]
+            others = [s for s in first if s.cause.name != score.cause.name and s.possible == score.possible]
             if not any(alike(s, score) > self.settings.alike for s in others):
                 first.append(score)
         return sorted(first, key=lambda s: -s.net)
@@ -221,7 +242,9 @@ class CalculatedForce:
     ) -> dict[str, tuple[str, ...]]:
         found = {}
         for one in _own(trial.candidates):
-            names = [c.cause.name for c in _own(candidates) if alike(one, c) > self.settings.alike]
+            names = [
+                c.cause.name for c in _own(candidates) if c.possible and alike(one, c) > self.settings.alike
+            ]
             names += [
                 t.causes[0] for t in trials if self._near(fitted, t, trial) and self._gone(fitted, t, trial)
             ]
@@ -286,7 +309,7 @@ class CalculatedForce:
         return None
 
     def extended_rig(self, ladder: Ladder[Solution]) -> Rig:
-        causes = ", ".join(name for step in ladder.steps for name in step.trial.causes)
+        causes = ", ".join(dict.fromkeys(name for step in ladder.steps for name in step.trial.causes))
         source = f"{self.rig.source}; extended by {causes or 'nothing'}"
         return extended_rig(self.rig, ladder.extended, f"{self.rig.name}_extended", source)
 
@@ -331,9 +354,8 @@ def smallest_gap(solution: Solution, D: float) -> float:
 def physical(solution: Solution, D: float) -> bool:
     """Whether friction brakes at every speed, sizes with a sign have the right one, and a gap is wide enough to be one."""
     found = parameters_of(solution)
-    lowest = found["A"][0] + min(found.get("stribeck_torque", (0.0, 0.0))[0], 0.0)
     wide = found.get("backlash", (math.inf, 0.0))[0] > smallest_gap(solution, D)
-    return wide and lowest >= 0.0 and all(found[n][0] > -2.0 * found[n][1] for n in _SIGNED if n in found)
+    return wide and all(found[n][0] > -2.0 * found[n][1] for n in _SIGNED if n in found)
 
 
 def nll(residual: Array, solution: Solution) -> float:
@@ -353,16 +375,23 @@ def _own(candidates: Iterable[Candidate]) -> list[ForceCandidate]:
 
 
 def _is_open(candidate: ForceCandidate, fitted: Solution, steps: Sequence[Step[Solution]]) -> bool:
-    """Whether neither the rig nor a step has this cause, nor one that it cannot be told from.
+    """Whether neither the rig nor a step has this cause, or one that it cannot be told from.
 
-    Of delays and lags one at a time is fitted: the next one would only share its time.
+    A form that only joins another one of its cause is open beside it.
+    Of delays and lags one at a time is fitted: the next one would only share its time. Of curves over low speeds, too: the
+    next one would only bend it.
     """
     there = {term.name for term in fitted.structure.terms}
-    taken = {name for step in steps for cause, rivals in step.rivals.items() for name in (cause, *rivals)}
+    cause, beside = candidate.cause.name, candidate.variant.beside
+    named = {(c.cause.name, c.variant.beside) for step in steps for c in step.trial.candidates}
+    taken = {name for step in steps for rivals in step.rivals.values() for name in rivals}
     timed = set(TIMING) & set(candidate.free) and set(TIMING) & set(fitted.structure.free)
+    bent = _LOW_SPEEDS & there and _LOW_SPEEDS & {t.name for t in candidate.columns}
     return (
         not timed
-        and candidate.cause.name not in taken
+        and not bent
+        and cause not in taken
+        and (cause, beside) not in named
         and not any(t.name in there for t in candidate.columns)
     )
 

@@ -32,12 +32,13 @@ class ForceCandidate(Candidate):
     """A candidate, and what it does on the residual of a round.
 
     basis (N, k): its columns projected off the model, orthonormal; power: what they explain of the residual [N^2]. short: a
-    delay or lag that is small against the fastest motion of the band.
+    delay or lag that is small against the fastest motion of the band. possible: its size has a sign that it may have.
     """
 
     basis: Array
     power: float
     short: bool
+    possible: bool = True
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -115,9 +116,12 @@ def _score(
         estimate = abs(float(left[:, 0] @ base.residual)) / float(left[:, 0] @ left[:, 0])
         short = 2.0 * math.pi * estimate * 0.4 / (motions[0].factor * motions[0].step) < _SHORT
     detectable = _detectable(names, left, seen, base)
+    first = candidate.variant.sizes[0]
+    possible = first.low < 0.0 or first.parameter in TIMING or float(left[:, 0] @ base.residual) >= 0.0
     return replace(
-        candidate, gain=gain, net=net, detectable=detectable, basis=basis, power=power, short=short
-    )
+        candidate, gain=gain, net=net, detectable=detectable, basis=basis, power=power, short=short,
+        possible=possible,
+    )  # fmt: skip
 
 
 def _detectable(names: list[str], left: Array, seen: Array, base: Solution) -> dict[str, float]:

@@ -91,7 +91,7 @@ class Term:
 class Variant:
     """One functional form of a cause. fixed: shapes that this form holds, by name. seen_by: the ways in which it shows.
 
-    aliases: in place of those of the cause, where this form has others.
+    aliases: in place of those of the cause, where this form has others. beside: whether it only joins another form of its cause.
     """
 
     name: str
@@ -99,6 +99,7 @@ class Variant:
     fixed: tuple[tuple[str, float], ...] = ()
     seen_by: tuple[str, ...] = (MOVES, FORCE)
     aliases: tuple[str, ...] | None = None
+    beside: bool = False
 
     @property
     def sizes(self) -> tuple[Term, ...]:
@@ -173,13 +174,24 @@ def _load(c: Coverage) -> tuple[Variant, ...]:
 
 
 def _viscous(c: Coverage) -> tuple[Variant, ...]:
+    """Drag in proportion to the speed, and that of a lubricant that shears thin: it stops growing above some speed.
+
+    The latter is asked where the force is calculated from the motion, whose starts and stops are many and slow enough.
+    """
     start = 0.01 * c.torque / c.speed
     both = Term("viscous_positive", start, 0.0, with_it=(("viscous_negative", 1.0),))
     ways = (Term("viscous_positive", start, 0.0), Term("viscous_negative", start, 0.0))
     return (
         Variant("per direction", ways, seen_by=(MOVES,)),
         Variant("alike in both directions", (both,), seen_by=(FORCE,)),
+        *(_saturating(share, c) for share in (0.03, 0.06, 0.12)),
     )
+
+
+def _saturating(share: float, c: Coverage) -> Variant:
+    above = Term("saturation_speed", share * c.speed, 0.02 * c.speed, 0.2 * c.speed, shape=True)
+    terms = (Term("saturating_drag", _small(c), 0.0), above)
+    return Variant(f"saturates above {100 * share:.0f} % of top speed", terms, seen_by=(FORCE,), beside=True)
 
 
 def _asymmetric(c: Coverage) -> tuple[Variant, ...]:
@@ -192,14 +204,13 @@ def _stribeck(c: Coverage) -> tuple[Variant, ...]:
     """Friction of low speeds, from several shares of the fastest on.
 
     Where the force is calculated from the motion only low speeds count, for over the whole range this form is viscous
-    friction by another name; and its size may have either sign: friction that falls towards standstill is a finding too.
+    friction by another name. It rises towards standstill: friction that falls there is a drag that saturates, `_viscous`.
     """
     found = [
         _stribeck_below(share, c.speed, (0.005, 0.98), 0.0, _small(c), MOVES) for share in (0.05, 0.15, 0.37)
     ]
     found += [
-        _stribeck_below(share, c.speed, (0.02, 0.2), -math.inf, _small(c), FORCE)
-        for share in (0.03, 0.06, 0.12)
+        _stribeck_below(share, c.speed, (0.02, 0.2), 0.0, _small(c), FORCE) for share in (0.03, 0.06, 0.12)
     ]
     return tuple(found)
 
@@ -429,7 +440,8 @@ _PITCHES = "the same moves at three pitches or more"
 
 _TABLE = (
     Cause(
-        "viscous_friction", "torque", "torque += b w, b per direction", _TEXTBOOK,
+        "viscous_friction", "torque", "torque += b w, b per direction, or friction += T tanh(|w|/ws)",
+        "textbook; lubricants that shear thin: Bair and Winer, J. Lubr. Technol. 101 (1979)",
         _viscous,
         confused_with=("stribeck_friction", "brush_drop"),
         separate_by=_SPEEDS,

@@ -56,6 +56,8 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "viscous_negative": ("N m s/rad", 0.0),
     "stribeck_torque": ("N m", 0.0),
     "stribeck_speed": ("rad/s", 30.0),
+    "saturating_drag": ("N m", 0.0),
+    "saturation_speed": ("rad/s", 30.0),
     "friction_asymmetry": ("N m", 0.0),
     "load_friction": ("1", 0.0),
     "warmup_rise": ("1", 0.0),
@@ -159,6 +161,8 @@ VECTOR_SIZE = len(NAMES) + 1
     VISCOUS_NEGATIVE,
     STRIBECK_TORQUE,
     STRIBECK_SPEED,
+    SATURATING_DRAG,
+    SATURATION_SPEED,
     FRICTION_ASYMMETRY,
     LOAD_FRICTION,
     WARMUP_RISE,
@@ -379,6 +383,8 @@ def friction(w, x, theta, p):
         if any_of_rare(p[STRIBECK_TORQUE]):
             ratio = w / p[STRIBECK_SPEED]
             drag += p[STRIBECK_TORQUE] * exp(-ratio * ratio)
+        if any_of_rare(p[SATURATING_DRAG]):  # a lubricant that shears thin
+            drag += p[SATURATING_DRAG] * tanh(abs(w) / p[SATURATION_SPEED])
         pitch = theta - p[PITCH_OFFSET]
         along = p[LOAD_FRICTION] * abs(p[B] * pitch) + (p[FRICTION_SLOPE] + p[FRICTION_CURVATURE] * x) * x
         if any_of_rare(p[FRICTION_BUMP]):

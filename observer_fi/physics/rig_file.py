@@ -30,6 +30,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "coupling": (0.0, 1.0),
     "contact": (0.0, 1.0),
     "stribeck_speed": (ABOVE_ZERO, 1e9),
+    "saturation_speed": (ABOVE_ZERO, 1e9),
     "shaft_order": (ABOVE_ZERO, 1e6),
     "gear_order": (ABOVE_ZERO, 1e6),
     "screw_lead": (ABOVE_ZERO, 1e3),

@@ -26,6 +26,7 @@ from observer_fi.toml_files import toml_table
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
 _FORMS = (
     "stribeck_speed",
+    "saturation_speed",
     "warmup_time",
     "shaft_order",
     "gear_order",

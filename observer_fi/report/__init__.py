@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
     from observer_fi.report.learning import (
         at_mass,
-        form,
         identify_files,
         identify_json,
         improve_files,
@@ -52,7 +51,6 @@ __all__ = [
     "environment",
     "folder_name",
     "folder_of",
-    "form",
     "identify",
     "identify_files",
     "identify_json",
@@ -86,7 +84,6 @@ _LATER = {
     "inspection": ("MAP_FILE", "inspection_json", "inspection_text"),
     "learning": (
         "at_mass",
-        "form",
         "identify_files",
         "identify_json",
         "improve_files",

@@ -39,7 +39,7 @@ def improve_files(
         likeness=likeness(record),
         handy=disturbance_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
         not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
-        form=form, smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
+        smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
     return {
         "improve.json": json_text(improve_json(record, gain)),
@@ -74,12 +74,6 @@ def reader_of(record: Improvement) -> Callable[[Value], Value]:
     if "force" not in record.before.channels:
         return lambda v: v
     return lambda v: at_mass(v, record.rig.model["D"])
-
-
-def form(variant: str, parameters: Mapping[str, Value]) -> str:
-    """A form in words; a friction that falls towards standstill is not what Stribeck described, so say so."""
-    falls = "stribeck_torque" in parameters and parameters["stribeck_torque"].value < 0.0
-    return variant + (": friction falls towards standstill" if falls else "")
 
 
 def freed_sentence(record: Improvement) -> str:
@@ -162,7 +156,7 @@ def improve_headline(record: Improvement) -> str:
 
 
 def _missing(record: Improvement) -> str:
-    named = [plain(f.cause) for f in record.findings]
+    named = list(dict.fromkeys(plain(f.cause) for f in record.findings))
     rest = " and something without a name" if record.unexplained else ""
     if not named:
         return "Nothing with a name is missing" + (", but something is" if record.unexplained else "")
