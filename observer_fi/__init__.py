@@ -1,7 +1,9 @@
 """Observer-based fault isolation: a DAQ log of a linear actuator in, a verdict out.
 
     from observer_fi import diagnose
-    print(diagnose("log.csv").verdict)
+    found = diagnose(frame, rig="mass_shifter")  # a DataFrame, or the path of a log
+    print(found)
+    found.plot().savefig("verdict.png")
 
 Names are imported when they are first used: numba and pandas take longer to load than most commands take to say no.
 """
@@ -15,10 +17,24 @@ from typing import TYPE_CHECKING, Any
 from observer_fi.errors import InvalidLogError, UsageError
 
 if TYPE_CHECKING:
-    from observer_fi.logs import log_from_frame, read_log
+    from observer_fi.logs import ColumnMap, load_columns, log_from_frame, read_log
     from observer_fi.physics import CAUSES, FAULTS, Move, Rig, Scenario, load_rig
     from observer_fi.records import Log
-    from observer_fi.report import diagnose, identify, improve, simulate, write_report
+    from observer_fi.report import (
+        Comparison,
+        Diagnosis,
+        Identification,
+        Improved,
+        Life,
+        compare,
+        diagnose,
+        identify,
+        improve,
+        simulate,
+        trend,
+        write_report,
+    )
+    from observer_fi.settings import Settings
 
 try:
     __version__ = version("observer-fi")
@@ -26,29 +42,53 @@ except PackageNotFoundError:  # run from a checkout that was never installed
     __version__ = "0+unknown"
 
 _ROOMS = {
-    "observer_fi.logs": ("log_from_frame", "read_log"),
+    "observer_fi.logs": ("ColumnMap", "load_columns", "log_from_frame", "read_log"),
     "observer_fi.physics": ("CAUSES", "FAULTS", "Move", "Rig", "Scenario", "load_rig"),
     "observer_fi.records": ("Log",),
-    "observer_fi.report": ("diagnose", "identify", "improve", "simulate", "write_report"),
+    "observer_fi.report": (
+        "Comparison",
+        "Diagnosis",
+        "Identification",
+        "Improved",
+        "Life",
+        "compare",
+        "diagnose",
+        "identify",
+        "improve",
+        "simulate",
+        "trend",
+        "write_report",
+    ),
+    "observer_fi.settings": ("Settings",),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
     "CAUSES",
+    "ColumnMap",
+    "Comparison",
+    "Diagnosis",
     "FAULTS",
+    "Identification",
+    "Improved",
     "InvalidLogError",
+    "Life",
     "Log",
     "Move",
     "Rig",
     "Scenario",
+    "Settings",
     "UsageError",
+    "compare",
     "diagnose",
     "identify",
     "improve",
+    "load_columns",
     "load_rig",
     "log_from_frame",
     "read_log",
     "simulate",
+    "trend",
     "write_report",
 ]
 

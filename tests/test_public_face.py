@@ -2,28 +2,38 @@
 
 import subprocess
 import sys
+from dataclasses import replace
+from functools import cache
+from html import unescape
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
+from trend_logs import cycle_frame
 
 import observer_fi
 from observer_fi import (
     CAUSES,
     FAULTS,
+    Diagnosis,
     InvalidLogError,
     Log,
     Move,
     Scenario,
     UsageError,
+    compare,
     diagnose,
     identify,
+    load_columns,
     load_rig,
     log_from_frame,
     read_log,
     simulate,
+    trend,
     write_report,
 )
+from observer_fi.logs import columns_of
 
 DATA = Path(__file__).parents[1] / "data"
 HEAVY = ("numpy", "pandas", "numba", "scipy", "matplotlib")
@@ -80,29 +90,121 @@ def test_path_frame_and_log_give_one_verdict_with_or_without_the_command(label: 
     assert results[3].verdict == results[2].verdict
 
 
+FIVE_LINES = """
+from observer_fi import diagnose
+found = diagnose(frame, rig="mass_shifter")
+print(found)
+figure = found.plot()
+figure.savefig("verdict.png")
+"""
+
+
+@cache
+def found() -> Diagnosis:
+    return diagnose(DATA / "overload_steady.csv.gz")
+
+
+def test_five_lines_from_a_frame_to_a_verdict_and_a_plot(tmp_path: Path) -> None:
+    log = DATA / "overload_steady.csv.gz"
+    before = f"import os, sys, pandas; frame = pandas.read_csv({str(log)!r}, comment='#'); os.chdir({str(tmp_path)!r})"
+    early = "import observer_fi; observer_fi.diagnose; assert 'matplotlib' not in sys.modules"
+    said = python("\n".join([before, early, FIVE_LINES, "assert 'matplotlib.pyplot' not in sys.modules"]))
+    assert said.startswith("overload since 1.600 s, probability > 99.99 %\n")
+    assert all(len(line) <= 100 for line in said.splitlines())
+    assert (tmp_path / "verdict.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_readme_shows_these_five_lines() -> None:
+    readme = (DATA.parent / "README.md").read_text(encoding="utf-8")
+    shown = [line.split("  #")[0] for line in readme.splitlines()]
+    assert all(line in shown for line in FIVE_LINES.split("\n"))
+
+
 def test_a_diagnosis_shows_itself() -> None:
-    result = diagnose(DATA / "overload_steady.csv.gz")
+    result = found()
     frame = result.to_frame()
-    mode = [name for name in frame if name.startswith("p_overload")]
-    assert frame[mode].sum(axis=1).iloc[-1] > 0.99 or frame[mode].to_numpy().max() > 0.99
+    assert frame["p_overload"].max() > 0.99
     assert frame.filter(like="p_").sum(axis=1).to_numpy() == pytest.approx(1.0, abs=1e-9)
-    assert "Overload" in result._repr_html_() or "overload" in result._repr_html_()
     assert result.to_dict()["verdict"]["label"] == "overload"
+    assert result.explanation in " ".join(str(result).split())
+    assert repr(result) == "<Diagnosis: overload since 1.600 s, probability > 99.99 %>"
+    shown = result._repr_html_()
+    assert "overload since 1.600 s, probability &gt; 99.99 %" in shown and "<table" in shown
+    assert result.posterior["overload"] > 0.99
+
+
+def test_warnings_stand_above_the_verdict_and_are_escaped() -> None:
+    outcome = replace(found().outcome, warnings=("<b> looks like mA",))
+    result = Diagnosis(outcome, found().rig)
+    assert str(result).startswith("warning: <b> looks like mA\noverload since")
+    shown = result._repr_html_()
+    assert shown.index("&lt;b&gt; looks like mA") < shown.index("overload since") and "<b> looks" not in shown
 
 
 def test_a_plot_has_the_signals_the_posterior_and_the_onset() -> None:
-    result = diagnose(DATA / "overload_steady.csv.gz")
-    *signals, posterior = result.plot().axes
+    figure = found().plot()
+    *signals, posterior = figure.axes
     labels = ["voltage [V]", "current [mA]", "position [mm]", "speed [rad/s]"]
-    assert [ax.get_ylabel() for ax in signals] == labels
-    assert len(posterior.get_lines()) >= len(result.outcome.modes)
+    assert [ax.get_ylabel() for ax in signals[:4]] == labels
+    assert len(posterior.get_lines()) >= len(found().outcome.modes)
     upright = [
         line.get_xdata()[0]
         for ax in (*signals, posterior)
         for line in ax.get_lines()
         if len(line.get_xdata()) == 2
     ]
-    assert any(x == pytest.approx(result.verdict.onset_s) for x in upright)
+    assert any(x == pytest.approx(found().verdict.onset_s) for x in upright)
+    assert figure._repr_png_().startswith(b"\x89PNG")  # what a notebook asks for
+
+
+FOREIGN = {"time_s": "t", "current_a": {"header": "I [mA]", "unit": "mA"}, "position_m": "x"}
+
+
+@pytest.mark.parametrize("kind", ["dict", "file", "map"])
+def test_columns_of_a_frame_map_as_those_of_a_file_do(kind: str, tmp_path: Path) -> None:
+    log = read_log(DATA / "overload_steady.csv.gz")
+    names = {"time_s": "t", "current_a": "I [mA]", "position_m": "x"}
+    frame = frame_of(log).rename(columns=names)
+    frame["I [mA]"] *= 1e3
+    path = tmp_path / "map.toml"
+    path.write_text(
+        '[columns]\ntime_s = "t"\ncurrent_a = {header = "I [mA]", unit = "mA"}\nposition_m = "x"\n'
+    )
+    given = {"dict": FOREIGN, "file": path, "map": load_columns(path)}[kind]
+    mapped = diagnose(frame, columns=given)
+    assert mapped.verdict.label == "overload"
+    assert mapped.verdict.onset_s == pytest.approx(found().verdict.onset_s, abs=1e-3)
+
+
+def test_a_map_can_call_texts_of_a_frame_time_stamps() -> None:
+    log = read_log(DATA / "overload_steady.csv.gz")
+    frame = frame_of(log)
+    stamps = pd.Timestamp("2026-01-31T10:15") + pd.to_timedelta(log.t, unit="s")
+    frame["time_s"] = stamps.strftime("%Y-%m-%dT%H:%M:%S.%f")
+    read = log_from_frame(frame, column_map=columns_of({"time_s": {"header": "time_s", "unit": "datetime"}}))
+    assert read.t == pytest.approx(log.t - log.t[0], abs=2e-6)
+
+
+GOOD = pd.DataFrame({"time_s": [0.0, 0.1, 0.2], "current_a": 1.0, "position_m": 0.0})
+BAD = [
+    ((GOOD.drop(columns="time_s"),), "column time_s is missing"),
+    ((GOOD.assign(current_a="x"),), "row 1, column current_a: 'x' is not a number"),
+    ((GOOD.iloc[:0],), "frame"),
+    ((GOOD.iloc[::-1],), "time runs backward"),
+    ((pd.concat([GOOD, GOOD], axis=1),), "stands 2 times"),
+    ((GOOD, None, None, {"curent_a": "I"}), "current_a"),
+    ((GOOD, None, None, {"current_a": "I"}), "mapped to header 'I'"),
+    ((GOOD, None, None, {"time_s": {"unit": "datetime", "time_of_day": "clock"}}), "pandas.to_datetime"),
+    ((GOOD, "mass_shiter"), "mass_shifter"),
+    ((3,), "a path, a DataFrame or a Log, not int"),
+]
+
+
+@pytest.mark.parametrize(("given", "said"), BAD, ids=[said for _, said in BAD])
+def test_what_is_wrong_with_a_frame_is_one_line(given: tuple[Any, ...], said: str) -> None:
+    with pytest.raises((InvalidLogError, UsageError)) as error:
+        diagnose(*given)
+    assert said in str(error.value) and "\n" not in str(error.value)
 
 
 def test_identify_takes_what_diagnose_takes() -> None:
@@ -114,8 +216,36 @@ def test_identify_takes_what_diagnose_takes() -> None:
     )
     assert f"{len(frame)} parameters learned" in result.verdict
     assert result.verdict in result._repr_html_() and "Km" in result._repr_html_()
+    assert "Km = 0.0212" in str(result) and "Cannot be told from these logs:" in str(result)
+    assert result.to_dict()["parameters"]["Km"]["unit"] == "N m/A"
     assert result.rig.model["Km"] == pytest.approx(frame.loc["Km", "value"])
-    assert len(result.plot().axes) == 1
+    assert list(result.figures()) == ["parameters", "correlation"] and len(result.plot().axes) == 1
+
+
+def test_a_life_of_frames(tmp_path: Path) -> None:
+    frames = [cycle_frame(k, 0.9 if k < 12 else 1.4) for k in range(20)]
+    result = trend(frames)
+    assert "since frame_13" in result.headline and "friction" in result.headline
+    table = result.to_frame()
+    assert (table["verdict"] == "changed").sum() >= 8 and table["path"].iloc[12] == "frame_13"
+    assert result.headline in str(result) and "the first 8 logs" in str(result)
+    assert result.headline.split(" (")[0] in unescape(result._repr_html_())
+    again = trend([*frames, tmp_path / "none.csv"])
+    assert again.headline == result.headline and "none.csv" in again.warnings[0]
+    page = write_report(result, tmp_path / "life", figures="png")
+    assert page.is_file() and (tmp_path / "life" / "trend.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(UsageError, match="no log could be read"):
+        trend([tmp_path / "none.csv"])
+
+
+def test_a_comparison(tmp_path: Path) -> None:
+    result = compare(3)
+    assert "right on 3 logs" in str(result) and "Observer bank" in result._repr_html_()
+    assert len(result.to_frame()) == 3 and "bank.verdict" in result.to_frame()
+    assert write_report(result, tmp_path / "compare", figures="svg").is_file()
+    assert (tmp_path / "compare" / "delays.svg").is_file()
+    with pytest.raises(UsageError, match="png, svg, pdf"):
+        write_report(result, tmp_path / "compare", figures="gif")
 
 
 def test_simulate_and_write_report(tmp_path: Path) -> None:

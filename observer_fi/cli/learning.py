@@ -3,7 +3,18 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_logs, add_rig, complain, emit_json, step, taken
+from observer_fi.cli.options import (
+    OK,
+    add_common,
+    add_figures,
+    add_logs,
+    add_rig,
+    complain,
+    emit_json,
+    step,
+    still_figures,
+    taken,
+)
 
 if TYPE_CHECKING:
     from observer_fi.physics import Rig
@@ -16,6 +27,7 @@ def identify_arguments(parser: argparse.ArgumentParser) -> None:
     add_logs(parser)
     add_rig(parser, settings=False)
     add_common(parser)
+    add_figures(parser)
 
 
 def improve_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +63,8 @@ def run_identify(args: argparse.Namespace) -> int:
     by_phase = residuals_by_phase(logs, fit, rig)
     learned = with_logger(identified_rig(fit, rig), logs)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
-    folder = write_result(args.out, name, _made("identify", logs), files)
+    still = still_figures(args, fit)
+    folder = write_result(args.out, name, _made("identify", logs), {**files, **still})
     taken(args.logs[0], name, folder)
     if args.json:
         emit_json(identify_json(fit))
@@ -68,7 +81,13 @@ def run_improve(args: argparse.Namespace) -> int:
     from observer_fi.improve import MOST_ROWS, diagnosis_gain, improve
     from observer_fi.learn import too_many_moves
     from observer_fi.physics import load_rig
-    from observer_fi.report import folder_name, improve_files, improve_headline, improve_json, write_result
+    from observer_fi.report import (
+        folder_name,
+        improve_files,
+        improve_headline,
+        improve_json,
+        write_result,
+    )
 
     rig, name, tell = load_rig(args.rig), folder_name(args.name, args.logs[0]), step(args)
     logs = _learning_logs(args, rig)
@@ -77,7 +96,8 @@ def run_improve(args: argparse.Namespace) -> int:
     tell("what diagnose gains")
     gain = diagnosis_gain(logs, record.rig, record.extended_rig)
     files = improve_files(record, gain, name, list(args.logs), note)
-    folder = write_result(args.out, name, _made("improve", logs), files)
+    still = still_figures(args, record)
+    folder = write_result(args.out, name, _made("improve", logs), {**files, **still})
     taken(args.logs[0], name, folder)
     if args.json:
         emit_json(improve_json(record, gain))

@@ -33,6 +33,22 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
+def add_figures(parser: argparse.ArgumentParser) -> None:
+    """Whether still figures are wanted, and in which form."""
+    parser.add_argument(
+        "--figures", choices=("png", "svg", "pdf"), help="still figures beside the page, drawn by matplotlib"
+    )
+
+
+def still_figures(args: argparse.Namespace, record: Any) -> dict[str, bytes]:
+    """The figures of this command's result as files, if they were asked for: matplotlib is imported only then."""
+    if args.figures is None:
+        return {}
+    from observer_fi.report import stills_of
+
+    return stills_of(args.command, record, args.figures)
+
+
 def add_rig(parser: argparse.ArgumentParser, settings: bool = True) -> None:
     """Which machine, and everything tunable."""
     parser.add_argument(

@@ -3,7 +3,16 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_engine, add_rig, emit_json, progress
+from observer_fi.cli.options import (
+    OK,
+    add_common,
+    add_engine,
+    add_figures,
+    add_rig,
+    emit_json,
+    progress,
+    still_figures,
+)
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:
@@ -109,6 +118,7 @@ def compare_arguments(parser: argparse.ArgumentParser) -> None:
     add_rig(parser)
     add_engine(parser)
     add_common(parser)
+    add_figures(parser)
 
 
 def run_compare(args: argparse.Namespace) -> int:
@@ -124,7 +134,8 @@ def run_compare(args: argparse.Namespace) -> int:
     pairs = comparison.compare(args.cases, args.seed, rig, settings, args.engine, args.filter)
     result = comparison.as_dict(list(progress(pairs, args, args.cases, "log")), args.seed, rig)
     files = {"compare.json": json_text(result), "compare.html": page(result)}
-    folder = write_result(args.out, "compare", Made("compare", {}), files)
+    still = still_figures(args, result)
+    folder = write_result(args.out, "compare", Made("compare", {}), {**files, **still})
     if args.json:
         emit_json(result)
     elif not args.quiet:

@@ -8,12 +8,14 @@ from observer_fi.cli.options import (
     OK,
     USAGE,
     add_common,
+    add_figures,
     add_rig,
     at_least,
     complain,
     emit_json,
     finite,
     progress,
+    still_figures,
     taken,
 )
 from observer_fi.errors import UsageError
@@ -47,12 +49,20 @@ def trend_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a running Dask cluster instead")
     add_common(parser)
+    add_figures(parser)
 
 
 def run_trend(args: argparse.Namespace) -> int:
     """What changed over the logs, since when, by how much."""
     from observer_fi.physics import load_rig
-    from observer_fi.report import Made, folder_name, trend_files, trend_headline, trend_json, write_result
+    from observer_fi.report import (
+        Made,
+        folder_name,
+        trend_files,
+        trend_headline,
+        trend_json,
+        write_result,
+    )
     from observer_fi.serve import digests
     from observer_fi.trend import trend
 
@@ -74,7 +84,9 @@ def run_trend(args: argparse.Namespace) -> int:
         raise UsageError("--baseline-logs: none of them could be read")
     result = trend(logs, rig, args.false_alarm_rate, chosen, baseline_rig, dict(args.limit))
     made = Made("trend", {d.path: d.sha256 for d in logs})
-    folder = write_result(args.out, name, made, trend_files(result, name, bad))
+    files: dict[str, str | bytes] = {**trend_files(result, name, bad)}
+    files |= still_figures(args, result)
+    folder = write_result(args.out, name, made, files)
     taken(args.logs[0], name, folder)
     if args.json:
         emit_json(trend_json(result, bad))

@@ -13,6 +13,7 @@ from observer_fi.cli.options import (
     USAGE,
     add_common,
     add_engine,
+    add_figures,
     add_logs,
     add_rig,
     at_least,
@@ -21,6 +22,7 @@ from observer_fi.cli.options import (
     finite,
     progress,
     seconds,
+    still_figures,
     taken,
 )
 from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
@@ -32,6 +34,7 @@ def diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     add_rig(parser)
     add_engine(parser)
     add_common(parser)
+    add_figures(parser)
     parser.add_argument(
         "--detected-at", type=finite, metavar="T", help="detection time from outside, on the log's clock [s]"
     )
@@ -60,12 +63,13 @@ def run_diagnose(args: argparse.Namespace) -> int:
         )  # fmt: skip
         if outcome.error is not None:
             raise InvalidLogError(outcome.error)
-        folder = report.write(outcome, rig, args.out / names[path])
+        still = still_figures(args, outcome)
+        folder = report.write(outcome, rig, args.out / names[path], still)
         taken(path, names[path], folder)
         if not args.quiet and not args.json:
-            print(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
             for warning in outcome.warnings:
-                print(f"  warning: {warning}")
+                print(f"{folder.name}: warning: {warning}")
+            print(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
         return report.report_dict(outcome)
 
     shown = [_one_of(names, one, path) for path in progress(names, args, len(names), "log")]

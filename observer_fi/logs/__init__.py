@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
 from observer_fi.logs.acquisition import acquisition_of, with_logger, without_spikes
-from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
+from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
@@ -46,6 +46,7 @@ __all__ = [
     "Guess",
     "Inspection",
     "Motion",
+    "columns_of",
     "digest_of",
     "inspect_log",
     "meaning",

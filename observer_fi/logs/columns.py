@@ -5,6 +5,7 @@ A map is a small TOML file; docs/logs.md explains it and data/columns holds one 
 
 import codecs
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -106,6 +107,17 @@ def load_columns(path: str | Path) -> ColumnMap:
         return columns_from_table(table)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
+
+
+def columns_of(given: "str | Path | Mapping[str, Any] | ColumnMap | None") -> ColumnMap:
+    """A column map however it is given: as one, as its file, or as what stands under [columns] of such a file, by column a
+    header or {"header": ..., "unit": ..., "factor": ...}. Raises UsageError.
+    """
+    if given is None or isinstance(given, ColumnMap):
+        return given or PLAIN
+    if isinstance(given, Mapping):
+        return columns_from_table({"columns": dict(given)})
+    return load_columns(given)
 
 
 def columns_from_table(table: dict[str, Any]) -> ColumnMap:
@@ -265,7 +277,7 @@ def missing_column(path: str, column: str, headers: list[str], column_map: Colum
     entry = f'{column} = {{ header = "{near or "..."}", unit = "{_unit_of(column, near)}" }}'
     shown = ", ".join(headers[:20]) + (", ..." if len(headers) > 20 else "")
     return InvalidLogError(
-        f"{path}: {what} is missing; the columns are: {shown}; map it with --columns map.toml, "
+        f"{path}: {what} is missing; the columns are: {shown}; map it with --columns map.toml (in Python columns=), "
         f"for example {entry}"
     )
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs.columns import COLUMNS, PLAIN, missing_column
+from observer_fi.logs.columns import COLUMNS, ColumnMap
 from observer_fi.logs.formats.stamps import Stamps
-from observer_fi.logs.tables import REQUIRED, not_a_number
+from observer_fi.logs.tables import not_a_number, positions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def log_schema() -> "pa.DataFrameSchema":
-    """Columns, types and order of a log. Missing values are for the cleaning to mask."""
+    """Types and order of a log's columns. Missing values are for the cleaning to mask."""
     import pandera.pandas as pa
 
     forward = pa.Check(lambda time: ~(time.ffill().diff() < 0), name="forward", error="time runs backward")
@@ -28,7 +28,7 @@ def log_schema() -> "pa.DataFrameSchema":
                 "float64",
                 checks=[forward] if name == "time_s" else None,
                 nullable=True,
-                required=name in REQUIRED,
+                required=False,
                 coerce=True,
             )
             for name in COLUMNS
@@ -36,33 +36,44 @@ def log_schema() -> "pa.DataFrameSchema":
     )
 
 
-def with_seconds(frame: "pd.DataFrame", path: str, remarks: list[str]) -> "pd.DataFrame":
-    """The frame with seconds where time_s holds time stamps of pandas; remarks: takes the note on when the log starts."""
-    if "time_s" not in frame or getattr(frame["time_s"].dtype, "kind", "") != "M":
-        return frame
+def named(frame: "pd.DataFrame", path: str, column_map: ColumnMap) -> "pd.DataFrame":
+    """The columns that a map finds, under the names of the contract and a fresh index; their units stay as they are.
+
+    Raises InvalidLogError for a column that is missing or stands there twice.
+    """
+    at = positions(path, [str(name) for name in frame.columns], column_map)
+    return frame.iloc[:, list(at.values())].set_axis(list(at), axis=1).reset_index(drop=True)
+
+
+def with_seconds(frame: "pd.DataFrame", path: str, remarks: list[str], texts: bool = False) -> "pd.DataFrame":
+    """The frame with seconds where time_s holds time stamps; remarks: takes the note on when the log starts.
+
+    texts: whether a column map calls texts time stamps; those of pandas are known by their type.
+    """
     stamps, times = Stamps(path, remarks), frame["time_s"]
+    if texts and getattr(times.dtype, "kind", "") != "M":
+        import pyarrow as pa
+
+        words = times.astype("string").to_list()
+        words = [text if isinstance(text, str) else None for text in words]
+        return frame.assign(
+            time_s=stamps.of_texts(pa.array(words, pa.string()), np.arange(1, len(words) + 1))
+        )
+    if getattr(times.dtype, "kind", "") != "M":
+        return frame
     stamps.zoned = getattr(times.dtype, "tz", None) is not None
     ns = times.to_numpy(dtype="M8[ns]").astype(np.int64)
     return frame.assign(time_s=stamps.seconds(ns, times.notna().to_numpy()))
 
 
 def checked(frame: "pd.DataFrame", path: str) -> "pd.DataFrame":
-    """The frame with float columns and a fresh index. Raises InvalidLogError: row, column and what to do."""
+    """The frame with float columns. Raises InvalidLogError: row, column and what to do."""
     import pandera.errors
 
-    headers = [str(name) for name in frame.columns]
-    for name in COLUMNS:
-        if headers.count(name) > 1:
-            raise InvalidLogError(
-                f"{path}: column {name} stands {headers.count(name)} times; keep one of them"
-            )
     try:
-        return log_schema().validate(frame.reset_index(drop=True), lazy=True)
+        return log_schema().validate(frame, lazy=True)
     except pandera.errors.SchemaErrors as error:
         cases = error.failure_cases
-    for case in cases.itertuples():
-        if case.check == "column_in_dataframe":
-            raise missing_column(path, str(case.failure_case), headers, PLAIN)
     first = cases.sort_values("index", na_position="last").iloc[0]
     if first["index"] is None or first["index"] != first["index"]:
         column = str(first["column"])

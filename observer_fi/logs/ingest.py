@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.cleaning import Summary, Tally, cleaned, summary
-from observer_fi.logs.columns import COLUMNS, PLAIN, ColumnMap, load_columns
+from observer_fi.logs.columns import PLAIN, ColumnMap, load_columns
 from observer_fi.logs.formats.registry import SUFFIXES, open_table
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.tables import Block, RowCount, Table
@@ -116,16 +116,25 @@ def log_name(path: str | Path) -> str:
     return next((name[: -len(suffix)] for suffix in SUFFIXES if name.lower().endswith(suffix)), name)
 
 
-def log_from_frame(frame: "pd.DataFrame", path: str = "frame") -> Log:
-    """A DataFrame with the columns of the contract as a Log; pandera checks its columns and types first."""
-    from observer_fi.logs.frame_schema import checked, with_seconds
+def log_from_frame(frame: "pd.DataFrame", path: str = "frame", column_map: ColumnMap | None = None) -> Log:
+    """A DataFrame as a Log: its columns are called as in the contract, or as the map says; pandera checks their types.
 
-    remarks: list[str] = []
-    frame = checked(with_seconds(frame, path, remarks), path)
-    values = {name: frame[name].to_numpy(dtype=np.float64) for name in COLUMNS if name in frame}
+    path: what the log is called in messages and reports. Raises InvalidLogError with the one line for the user.
+    """
+    from observer_fi.logs.frame_schema import checked, named, with_seconds
+
+    names, remarks = column_map or PLAIN, list[str]()
+    time = names.source("time_s")
+    if time.time_of_day is not None:
+        raise UsageError(
+            f"{path}: a column map joins no two columns of a DataFrame to a time stamp (time_of_day {time.time_of_day!r}); "
+            "join them first, as with pandas.to_datetime"
+        )
+    frame = checked(with_seconds(named(frame, path, names), path, remarks, time.stamps), path)
+    values = {str(name): frame[name].to_numpy(dtype=np.float64) for name in frame}
     block = Block(np.arange(1, len(frame) + 1), values)
     table = Table(tuple(values), lambda rows: iter((block,)), RowCount(len(frame)), remarks=remarks)
-    tally = Tally(path, PLAIN, table)
+    tally = Tally(path, names, table)
     logs = list(cleaned(iter((block,)), tally))
     return _joined(logs, summary(tally))
 

@@ -230,7 +230,23 @@ def load_rig(path: str | Path | None = None) -> Rig:
     Raises UsageError naming the file, the key and the right keys.
     """
     where = _rig_path("mass_shifter" if path is None else path)
-    return _rig_from_table(toml_table(where, "rig file", "data/rigs"), str(where))
+    try:
+        table = toml_table(where, "rig file", "data/rigs")
+    except UsageError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise _no_such_rig(where) from error
+        raise
+    return _rig_from_table(table, str(where))
+
+
+def _no_such_rig(given: Path) -> UsageError:
+    """The error for a rig that is neither a file nor packaged: the nearest packaged one, and all of them."""
+    names = sorted(path.stem for path in packaged_rigs().glob("*.toml"))
+    near = difflib.get_close_matches(given.stem, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else "; give a TOML file, or the name of a packaged rig"
+    return UsageError(
+        f"{given}: cannot read the rig file (no such file){hint} (packaged: {', '.join(names)})"
+    )
 
 
 def packaged_rigs() -> Path:

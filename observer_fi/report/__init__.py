@@ -33,12 +33,34 @@ if TYPE_CHECKING:
         improve_headline,
         improve_json,
     )
-    from observer_fi.report.notebook import diagnose, identify, improve, simulate, write_report
+    from observer_fi.report.results.figures import stills_of
+    from observer_fi.report.results.questions import (
+        compare,
+        diagnose,
+        identify,
+        improve,
+        simulate,
+        trend,
+        write_report,
+    )
+    from observer_fi.report.results.results import (
+        Comparison,
+        Diagnosis,
+        Identification,
+        Improved,
+        Life,
+    )
+    from observer_fi.report.still_figures import still_files
     from observer_fi.report.trend_page import headline as trend_headline
     from observer_fi.report.trend_page import trend_files, trend_json
 
 __all__ = [
+    "Comparison",
+    "Diagnosis",
     "Figure",
+    "Identification",
+    "Improved",
+    "Life",
     "MAP_FILE",
     "MEASURED",
     "Made",
@@ -46,6 +68,7 @@ __all__ = [
     "check_beside",
     "checked_name",
     "clear_leftovers",
+    "compare",
     "diagnose",
     "diagnosis",
     "environment",
@@ -66,7 +89,10 @@ __all__ = [
     "padded",
     "page",
     "simulate",
+    "still_files",
+    "stills_of",
     "table",
+    "trend",
     "trend_files",
     "trend_headline",
     "trend_json",
@@ -91,7 +117,10 @@ _LATER = {
         "improve_json",
     ),
     "trend_page": ("trend_files", "trend_headline", "trend_json"),
-    "notebook": ("diagnose", "identify", "improve", "simulate", "write_report"),
+    "results.questions": ("compare", "diagnose", "identify", "improve", "simulate", "trend", "write_report"),
+    "results.figures": ("stills_of",),
+    "still_figures": ("still_files",),
+    "results.results": ("Comparison", "Diagnosis", "Identification", "Improved", "Life"),
 }
 _NAMED = {"trend_headline": "headline"}  # where the module calls it otherwise
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}

@@ -2,9 +2,11 @@
 
 import json
 import math
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from observer_fi import __version__
@@ -165,13 +167,15 @@ def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
     }
 
 
-def write(outcome: Outcome, rig: Rig, folder: Path) -> Path:
+def write(
+    outcome: Outcome, rig: Rig, folder: Path, still: Mapping[str, bytes] = MappingProxyType({})
+) -> Path:
     """report.json, report.html and the figures into `folder`, or into one with a number where that is another log's;
-    returns the folder. Raises UsageError.
+    returns the folder. still: figures that were asked for beside them, {file name: content}. Raises UsageError.
     """
     _, log = _complete(outcome)
     made = Made("diagnose", {log.path: log.sha256})
-    return write_result(folder.parent, folder.name, made, files(outcome, rig))
+    return write_result(folder.parent, folder.name, made, {**files(outcome, rig), **still})
 
 
 def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:

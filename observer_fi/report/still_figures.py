@@ -1,7 +1,8 @@
-"""Still figures, drawn by matplotlib as SVG: those of `pipelines/` and `reports/`, and a result's own.
+"""Still figures, drawn by matplotlib: their one style, the files that they become, and those of `pipelines/` and `reports/`.
 
 Nothing imports this module but who wants such a figure: matplotlib costs most of a second, `diagnose` draws without it
-(docs/decisions/0014). Arrays in, a `Figure` out; the same arrays give the same bytes. Colours are those of the faults.
+(docs/decisions/0014). Arrays in, a `Figure` out; the same arrays give the same bytes. Colours are those of the faults. What a
+result shows of itself is in `results/figures.py`.
 """
 
 import io
@@ -9,18 +10,25 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+import matplotlib.figure
 import numpy as np
-import pandas as pd
 from matplotlib import style
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Figure
+from matplotlib.axes import Axes as Axes
 
-from observer_fi.physics import NOMINAL, NOT_TESTED, OPEN_LOOP, colour_of, mode_of, words_of
-from observer_fi.records import Array, Outcome
+from observer_fi.errors import UsageError
+from observer_fi.physics import NOMINAL, OPEN_LOOP, colour_of, words_of
+from observer_fi.records import Array
 from observer_fi.report.comparison_page import FAULTS, JUDGES, milliseconds
-from observer_fi.report.diagnosis_figures import MEASURED
 
-MUTED, GRID = "#5c6670", "#e3e6ea"
+MEASURED, MUTED, GRID, INK = "#3d444c", "#5c6670", "#e3e6ea", "#1b1f24"
+KINDS = ("png", "svg", "pdf")
+DPI = 150
+# What would make two files of one figure differ: the moment, and the version of what drew it.
+_UNSIGNED: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
 SIZE = (7.4, 3.4)  # inches of a figure with one pair of axes
 STYLE = {
     "font.family": "sans-serif",
@@ -57,12 +65,31 @@ class Curve(NamedTuple):
     colour: str
 
 
-def svg(figure: Figure) -> str:
-    """A figure as an SVG file without a date and without the version of what drew it."""
-    out = io.StringIO()
+class Figure(matplotlib.figure.Figure):
+    """A figure that a notebook shows, whether or not it has set matplotlib up to draw there."""
+
+    def _repr_png_(self) -> bytes:
+        return drawn(self, "png")
+
+
+def drawn(figure: matplotlib.figure.Figure, kind: str) -> bytes:
+    """A figure as a PNG, SVG or PDF file, without a date and without the version of what drew it. Raises UsageError."""
+    if kind not in KINDS:
+        raise UsageError(f"figures are written as {', '.join(KINDS)}, not as {kind!r}")
+    out = io.BytesIO()
     with style.context(["default", STYLE]):
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(out, format=kind, dpi=DPI, metadata=_UNSIGNED[kind])
     return out.getvalue()
+
+
+def svg(figure: matplotlib.figure.Figure) -> str:
+    """A figure as the text of an SVG file."""
+    return drawn(figure, "svg").decode()
+
+
+def still_files(figures: Mapping[str, Figure], kind: str) -> dict[str, bytes]:
+    """The figures of a result as files, {file name: content}. kind: one of KINDS. Raises UsageError."""
+    return {f"{name}.{kind}": drawn(figure, kind) for name, figure in figures.items()}
 
 
 @contextmanager
@@ -203,67 +230,4 @@ def force_figure(t: Array, force: Array, residuals: Sequence[Curve], unit: str =
             axes.set_ylabel(f"[{unit}]")
         column[-1].set_xlabel("time [s]")
         column[-1].set_xlim(float(t[0]), float(t[-1]))
-    return figure
-
-
-def diagnosis_figure(outcome: Outcome) -> Figure:
-    """Measured voltage, current, position and speed around the onset, and the probability of every hypothesis below.
-
-    Raises ValueError where the log held nothing to judge.
-    """
-    traces, isolation = outcome.zoom, outcome.isolation
-    if traces is None or isolation is None or traces.t.size < 2 or isolation.verdict.label == NOT_TESTED:
-        raise ValueError(f"{outcome.name}: there is no verdict to draw")
-    verdict = isolation.verdict
-    signals = (*traces.z.T, traces.w)
-    words = (("voltage", "V", 1.0), ("current", "mA", 1e3), ("position", "mm", 1e3), ("speed", "rad/s", 1.0))
-    with sheet((7.4, 8.0), 5, 1, sharex=True) as (figure, column):
-        for axes, y, (name, unit, scale) in zip(column, signals, words, strict=False):
-            axes.plot(traces.t, scale * y, color=MEASURED, linewidth=0.9)
-            axes.set_ylabel(f"{name} [{unit}]")
-        for j, mode in enumerate(outcome.modes):
-            column[4].plot(
-                traces.t,
-                traces.probability[:, j],
-                color=colour_of(mode),
-                linewidth=1.3,
-                label=words_of(mode),
-            )
-        for name, moment in (("onset", verdict.onset_s), ("isolated", verdict.isolated_s)):
-            if moment is None or not traces.t[0] <= moment <= traces.t[-1]:
-                continue
-            for axes in column:
-                axes.axvline(moment, color=MUTED, linewidth=0.8, linestyle="--")
-            column[0].text(
-                moment, 1.02, name, transform=column[0].get_xaxis_transform(), color=MUTED, fontsize=8,
-                ha="right" if name == "onset" else "left",
-            )  # fmt: skip
-        column[4].set(xlabel="time [s]", ylabel="probability [1]", ylim=(-0.03, 1.03))
-        column[4].legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-        figure.suptitle(f"Verdict: {words_of(mode_of(verdict.label, verdict.channel))}", x=0.02, ha="left")
-    return figure
-
-
-def interval_figure(table: pd.DataFrame) -> Figure:
-    """Values of a fit with their 95 % intervals, as shares of what they were before; one row a parameter.
-
-    table: by parameter, columns value, low, high, prior.
-    """
-    known = table[np.isfinite(table["prior"]) & (table["prior"] != 0.0)]
-    scale, ratio = known["prior"].abs(), known["value"] / known["prior"].abs()
-    wide = [(known["value"] - known["low"]) / scale, (known["high"] - known["value"]) / scale]
-    figure = Figure(figsize=(7.0, 0.4 * len(known) + 1.2), layout="constrained")
-    ax = figure.subplots()
-    ax.errorbar(ratio, known.index, xerr=np.abs(np.array(wide)), fmt="o", capsize=3)
-    ax.axvline(1.0, color="black", linestyle=":", linewidth=1.0)
-    ax.set_xlabel("value, of the value before")
-    return figure
-
-
-def gain_figure(findings: pd.DataFrame) -> Figure:
-    """What each cause gains on moves that no fit saw; columns cause, heldout_nll_drop_per_sample."""
-    figure = Figure(figsize=(7.0, 0.4 * len(findings) + 1.2), layout="constrained")
-    ax = figure.subplots()
-    ax.barh(findings["cause"], findings["heldout_nll_drop_per_sample"])
-    ax.set_xlabel("held-out gain [nats per sample]")
     return figure

@@ -48,21 +48,21 @@ def run(capsys: pytest.CaptureFixture[str]):
     return go
 
 
-def test_what_a_logger_hides_is_told_below_the_verdict(run, tmp_path: Path) -> None:
+def test_what_a_logger_hides_is_told_above_the_verdict(run, tmp_path: Path) -> None:
     table = pd.read_csv(sample("overload_steady"), comment="#")
     held = table["position_m"].to_numpy()
     table["position_m"] = held[np.arange(held.size) // 16 * 16]
     path = tmp_path / "held.csv"
     table.to_csv(path, index=False)
     ran = run("diagnose", path, "--out", tmp_path)
-    first, *warnings = ran.out.splitlines()
-    assert ran.code == OK and first.startswith("held: overload")
-    assert warnings and all(line.startswith("  warning: ") for line in warnings)
+    *warnings, last = ran.out.splitlines()
+    assert ran.code == OK and last.startswith("held: overload")
+    assert warnings and all(line.startswith("held: warning: ") for line in warnings)
     assert any("position_m is held, fresh 100 times a second" in line for line in warnings)
     assert run("diagnose", path, "--out", tmp_path, "--quiet").out == ""
     told = json.loads(run("diagnose", path, "--out", tmp_path, "--json").out)
     assert told["acquisition"]["position_m"]["update_hz"] == pytest.approx(100.0, rel=1e-4)
-    assert [f"  warning: {sentence}" for sentence in told["warnings"]] == warnings
+    assert [f"held: warning: {sentence}" for sentence in told["warnings"]] == warnings
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])

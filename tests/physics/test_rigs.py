@@ -160,7 +160,7 @@ def test_a_wrong_rig_file_is_one_line_that_says_what_to_write(
 def test_a_missing_rig_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="nowhere.toml: cannot read the rig file"):
         load_rig(tmp_path / "nowhere.toml")
-    with pytest.raises(UsageError, match="emsp"):
+    with pytest.raises(UsageError, match=r"emsp: .*did you mean 'emps'\? \(packaged: emps, emps_extended"):
         load_rig("emsp")
     binary = tmp_path / "rig.toml"
     binary.write_bytes(b"\xff\xfe\x00")

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from observer_fi.cli import main
 from observer_fi.physics import load_rig
 from observer_fi.physics.faults import OPEN_LOOP, colour_of
+from observer_fi.report import diagnose as diagnosed
 from observer_fi.report import still_figures
+from observer_fi.report.results import figures
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose
 
@@ -58,13 +61,14 @@ def test_a_model_has_the_colour_of_its_fault() -> None:
 
 def test_an_outcome_is_drawn_with_every_hypothesis() -> None:
     outcome = diagnose(DATA / "overload_steady.csv.gz", load_rig(), Settings())
-    figure = still_figures.diagnosis_figure(outcome)
-    assert isinstance(figure, Figure) and len(figure.axes) == 5
-    legend = figure.axes[4].get_legend()
-    assert legend is not None and len(legend.get_texts()) == len(outcome.modes)
+    figure = figures.of_diagnosis(outcome)["verdict"]
+    assert isinstance(figure, Figure) and len(figure.axes) == 7
+    drawn = [line for line in figure.axes[6].get_lines() if len(line.get_xdata()) > 2]
+    assert len(drawn) == len(outcome.modes)
+    legend = figure.axes[6].get_legend()
+    assert legend is not None and "overload" in [text.get_text() for text in legend.get_texts()]
     assert "overload" in still_figures.svg(figure)
-    with pytest.raises(ValueError, match="no verdict to draw"):
-        still_figures.diagnosis_figure(replace(outcome, isolation=None))
+    assert figures.of_diagnosis(replace(outcome, isolation=None)) == {}
 
 
 def test_diagnose_starts_without_matplotlib(tmp_path: Path) -> None:
@@ -75,3 +79,38 @@ def test_diagnose_starts_without_matplotlib(tmp_path: Path) -> None:
     log = DATA / "overload_steady.csv.gz"
     command = [sys.executable, "-c", script, "diagnose", str(log), "--quiet", "--out", str(tmp_path)]
     assert subprocess.run(command, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("kind", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_every_kind_of_file_has_the_same_bytes_again(kind: str, begins: bytes) -> None:
+    first, again = (still_figures.still_files({"a": DRAWN["contact"]()}, kind) for _ in range(2))
+    assert first == again and first[f"a.{kind}"].startswith(begins)
+
+
+def test_figures_are_written_beside_the_page_and_taken_back(tmp_path: Path) -> None:
+    log = str(DATA / "coupling_loss_steady.csv.gz")
+    folder = tmp_path / "coupling_loss_steady"
+    command = ["diagnose", log, "--quiet", "--out", str(tmp_path)]
+    assert main([*command, "--figures", "png"]) == 0
+    first = {path.name: path.read_bytes() for path in folder.glob("*.png")}
+    assert set(first) == {"verdict.png", "whole_log.png"}
+    assert main([*command, "--figures", "png"]) == 0
+    assert {path.name: path.read_bytes() for path in folder.glob("*.png")} == first
+    assert main(command) == 0
+    assert not (folder / "verdict.png").exists() and (folder / "report.html").exists()
+
+
+def test_a_log_that_tells_nothing_has_no_figures(tmp_path: Path) -> None:
+    log = tmp_path / "still.csv"
+    rows = "".join(f"{0.001 * k:.3f},0,0,0\n" for k in range(400))
+    log.write_text("time_s,voltage_v,current_a,position_m\n" + rows)
+    assert main(["diagnose", str(log), "--quiet", "--figures", "png", "--out", str(tmp_path)]) == 0
+    assert not list((tmp_path / "still").glob("*.png"))
+    with pytest.raises(ValueError, match="nothing to draw: not tested"):
+        diagnosed(log).plot()
+
+
+def test_a_wrong_kind_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["diagnose", "log.csv", "--figures", "gif"])
+    assert stopped.value.code == 2 and "'png', 'svg', 'pdf'" in capsys.readouterr().err

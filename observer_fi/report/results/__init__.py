@@ -1,0 +1,1 @@
+"""What Python and notebooks get: questions as functions, answers that show themselves, still figures of each."""
