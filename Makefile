@@ -14,7 +14,7 @@ STUDIES := $(addprefix pipelines.,reproduce_paper compare_mixture diagnose_study
 STUDIES += $(if $(OBSERVER_FI_DATA),pipelines.identify_emps pipelines.improve_emps)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 
-.PHONY: help install demo test slow lint check bench report wheel clean
+.PHONY: help install demo test slow lint check bench report wheel docs clean
 
 help:
 	@echo "make demo    diagnose the sample logs of data/"
@@ -24,6 +24,7 @@ help:
 	@echo "make check   lint and test"
 	@echo "make bench   speed and memory against peers"
 	@echo "make report  write the committed reports anew (hours: every study, many seeds)"
+	@echo "make docs    the pages of docs/ and reports/ as a site, in build/site/"
 	@echo "make wheel   build the sdist and the wheel into dist/"
 	@echo "make clean   remove the environment and everything built"
 
@@ -65,6 +66,10 @@ bench: $(BENCH_READY)
 
 report: $(READY)
 	@set -e; for study in $(STUDIES); do echo "$$study"; $(BIN)/python -m $$study; done
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "The site is in build/site/: open build/site/index.html in a browser"
 
 wheel: $(READY)
 	rm -rf dist

@@ -2,25 +2,17 @@
 
 import re
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 
 import documented_rigs
 import pytest
+from shown_commands import steps
 
 from observer_fi.cli.commands import main
 
 PAGE = Path(__file__).parents[1] / "docs" / "new-rig.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 WALK = TEXT[TEXT.index("## 2.") : TEXT.index("## 6.")]
-
-
-def steps() -> Iterator[tuple[str, list[str]]]:
-    """Each command of the walk, and the lines that it is said to print."""
-    for block in re.findall(r"```console\n(.*?)```", WALK, re.DOTALL):
-        for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
-            command, *lines = part.strip().splitlines()
-            yield command, lines
 
 
 def test_the_walk_from_data_sheet_to_verdict(
@@ -32,7 +24,7 @@ def test_the_walk_from_data_sheet_to_verdict(
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     ran = 0
-    for command, lines in steps():
+    for command, lines in steps(WALK):
         program, *words = shlex.split(command)
         if program == "head":
             said = Path(words[-1]).read_text(encoding="utf-8")
