@@ -23,7 +23,7 @@ def shown(path: Path) -> list[list[str]]:
     found = []
     for block in _FENCED.findall(path.read_text(encoding="utf-8")):
         for line in block.replace("\\\n", " ").splitlines():
-            for part in line.removeprefix("$ ").split(" | "):
+            for part in line.removeprefix("$ ").split(" < ")[0].split(" | "):
                 words = shlex.split(part, comments=True) if part.startswith("observer-fi ") else []
                 found += [words[1:]] if words else []
     return found

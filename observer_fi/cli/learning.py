@@ -11,10 +11,10 @@ from observer_fi.cli.options import (
     add_rig,
     complain,
     emit_json,
-    step,
     still_figures,
     taken,
 )
+from observer_fi.cli.progress import Stages
 
 if TYPE_CHECKING:
     from observer_fi.physics import Rig
@@ -59,9 +59,12 @@ def run_identify(args: argparse.Namespace) -> int:
     rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     note = _told(too_many_moves(logs, rig))
-    fit = identify(logs, rig)
-    by_phase = residuals_by_phase(logs, fit, rig)
-    learned = with_logger(identified_rig(fit, rig), logs)
+    with Stages(args) as tell:
+        tell("learning the rig")
+        fit = identify(logs, rig)
+        tell("what the fit leaves")
+        by_phase = residuals_by_phase(logs, fit, rig)
+        learned = with_logger(identified_rig(fit, rig), logs)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
     still = still_figures(args, fit)
     folder = write_result(args.out, name, _made("identify", logs), {**files, **still})
@@ -89,12 +92,13 @@ def run_improve(args: argparse.Namespace) -> int:
         write_result,
     )
 
-    rig, name, tell = load_rig(args.rig), folder_name(args.name, args.logs[0]), step(args)
+    rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
     note = _told(too_many_moves(logs, rig, MOST_ROWS))
-    record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
-    tell("what diagnose gains")
-    gain = diagnosis_gain(logs, record.rig, record.extended_rig)
+    with Stages(args) as tell:
+        record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
+        tell("what diagnose gains")
+        gain = diagnosis_gain(logs, record.rig, record.extended_rig)
     files = improve_files(record, gain, name, list(args.logs), note)
     still = still_figures(args, record)
     folder = write_result(args.out, name, _made("improve", logs), {**files, **still})

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, options, progress, and how they speak."""
+"""What the commands share: exit codes, options, and how they speak."""
 
 import argparse
 import contextlib
@@ -6,22 +6,28 @@ import io
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TextIO
 
 from observer_fi.errors import UsageError
 
 OK, BUG, USAGE, FAULT = 0, 1, 2, 3
-T = TypeVar("T")
 
 
 class Command(NamedTuple):
-    """A subcommand: one line of help, its arguments, and what it does."""
+    """A subcommand: one line of help, its arguments, what it does, and two or three examples, each with what it is for."""
 
     help: str
     arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    examples: tuple[tuple[str, str], ...]
+
+    @property
+    def epilog(self) -> str:
+        """The examples, as they are typed."""
+        lines = (f"  # {what}\n  observer-fi {words}" for words, what in self.examples)
+        return "\n".join(["examples:", *lines])
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -109,15 +115,6 @@ def at_least(least: int, most: int = 10**9) -> Callable[[str], int]:
     return whole
 
 
-def progress(items: Iterable[T], args: argparse.Namespace, total: int, unit: str) -> Iterable[T]:
-    """`items` with a progress bar on standard error, on a terminal only."""
-    if args.quiet or total < 2 or not sys.stderr.isatty():
-        return items
-    from tqdm import tqdm
-
-    return tqdm(items, total=total, unit=unit, leave=False)
-
-
 def emit_json(value: Any) -> None:
     """A result on standard output."""
     from observer_fi.report import json_text
@@ -151,23 +148,18 @@ def complain(message: str) -> None:
         return
     message = "".join(c if c.isprintable() or c.isspace() else ascii(c)[1:-1] for c in message)
     with contextlib.suppress(OSError):  # nobody to tell
-        print(f"observer-fi: {' '.join(message.split())}", file=sys.stderr)
+        _between_bars(f"observer-fi: {' '.join(message.split())}", sys.stderr)
 
 
-def step(args: argparse.Namespace) -> Callable[[str], None]:
-    """Tells on a terminal what a long command is doing."""
-
-    def tell(text: str) -> None:
-        if sys.stderr.isatty() and not args.quiet and not args.json:
-            print(f"  {text}", file=sys.stderr, flush=True)
-
-    return tell
+def say(line: str) -> None:
+    """One line on standard output."""
+    _between_bars(line, sys.stdout)
 
 
-def tell_when_compiling(args: argparse.Namespace) -> None:
-    """Say on a terminal why the first run takes longer, before it does."""
-    tell = step(args)
-    if sys.stderr.isatty():
-        from observer_fi.numerics import when_compiling
-
-        when_compiling(lambda: tell("compiling the filters, once for this version: about half a minute"))
+def _between_bars(line: str, out: TextIO) -> None:
+    """A line that no progress bar is written over: bars give way to it, where there are any."""
+    tqdm = sys.modules.get("tqdm")
+    if tqdm is None:
+        print(line, file=out)
+    else:
+        tqdm.tqdm.write(line, file=out)

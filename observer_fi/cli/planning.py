@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_rig, emit_json, finite, step
+from observer_fi.cli.options import OK, add_common, add_rig, emit_json, finite
+from observer_fi.cli.progress import Stages
 from observer_fi.cli.synthetic import numbers
 from observer_fi.errors import UsageError
 
@@ -65,7 +66,9 @@ def run_plan(args: argparse.Namespace) -> int:
     if args.travel is not None:
         low, high = numbers(args.travel, ":", 2, "--travel")
         travel = 1e-3 * low, 1e-3 * high
-    plan = _planned(args, rig, limits_of(rig, args.seconds, pitches, args.speed, travel, args.rate))
+    limits = limits_of(rig, args.seconds, pitches, args.speed, travel, args.rate)
+    with Stages(args) as tell:
+        plan = _planned(args, rig, limits, tell)
     result = to_json(plan)
     files = {"moves.csv": moves_csv(plan), "plan.json": json_text(result)}
     folder = write_result(args.out, args.name, Made("plan", {}), files)
@@ -80,10 +83,9 @@ def _number(text: str, option: str) -> float:
     return numbers(text, ":", 1, option)[0]
 
 
-def _planned(args: argparse.Namespace, rig: "Rig", limits: "Limits") -> "Plan":
+def _planned(args: argparse.Namespace, rig: "Rig", limits: "Limits", tell: Stages) -> "Plan":
     from observer_fi.plan import asked_by, parse, plan_causes, plan_constants, plan_faults
 
-    tell = step(args)
     if args.faults is not None:
         return plan_faults(args.faults, rig, limits, tell)
     if args.constants is not None:

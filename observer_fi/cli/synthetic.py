@@ -10,9 +10,9 @@ from observer_fi.cli.options import (
     add_figures,
     add_rig,
     emit_json,
-    progress,
     still_figures,
 )
+from observer_fi.cli.progress import progress
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:

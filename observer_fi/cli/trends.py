@@ -14,10 +14,10 @@ from observer_fi.cli.options import (
     complain,
     emit_json,
     finite,
-    progress,
     still_figures,
     taken,
 )
+from observer_fi.cli.progress import progress
 from observer_fi.errors import UsageError
 
 if TYPE_CHECKING:

@@ -20,11 +20,12 @@ from observer_fi.cli.options import (
     complain,
     emit_json,
     finite,
-    progress,
+    say,
     seconds,
     still_figures,
     taken,
 )
+from observer_fi.cli.progress import progress, share_of
 from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 
 
@@ -57,10 +58,11 @@ def run_diagnose(args: argparse.Namespace) -> int:
     names = {path: folder_name(args.name, path) for path in dict.fromkeys(args.logs)}
 
     def one(path: str) -> dict[str, Any]:
-        outcome = diagnose(
-            path, rig, settings, engine=args.engine, filter_kind=args.filter, columns=columns,
-            detected_at=args.detected_at,
-        )  # fmt: skip
+        with share_of(args, names[path], alone=len(names) == 1) as told:
+            outcome = diagnose(
+                path, rig, settings, engine=args.engine, filter_kind=args.filter, columns=columns,
+                detected_at=args.detected_at, progress=told,
+            )  # fmt: skip
         if outcome.error is not None:
             raise InvalidLogError(outcome.error)
         still = still_figures(args, outcome)
@@ -68,8 +70,8 @@ def run_diagnose(args: argparse.Namespace) -> int:
         taken(path, names[path], folder)
         if not args.quiet and not args.json:
             for warning in outcome.warnings:
-                print(f"{folder.name}: warning: {warning}")
-            print(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
+                say(f"{folder.name}: warning: {warning}")
+            say(f"{folder.name}: {report.headline(outcome)}  {folder / 'report.html'}")
         return report.report_dict(outcome)
 
     shown = [_one_of(names, one, path) for path in progress(names, args, len(names), "log")]
@@ -113,7 +115,9 @@ def watch_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_rig(parser)
     add_engine(parser)
-    parser.add_argument("--json", action="store_true", help="JSON lines, which is what it always writes")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="JSON lines, which it writes without --text")
+    form.add_argument("--text", action="store_true", help="the same in words, a line a change")
     parser.add_argument("--quiet", action="store_true", help="no notes about restarts")
     parser.add_argument("--fail-on-fault", action="store_true", help="exit with 3 if a move had a fault")
 

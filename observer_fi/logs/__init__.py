@@ -8,7 +8,15 @@ from observer_fi.logs.acquisition import acquisition_of, with_logger, without_sp
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
-from observer_fi.logs.ingest import CHUNK_ROWS, log_from_frame, log_name, open_log, read_log
+from observer_fi.logs.ingest import (
+    CHUNK_ROWS,
+    LogFile,
+    Progress,
+    log_from_frame,
+    log_name,
+    open_log,
+    read_log,
+)
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
 from observer_fi.logs.moves import (
     Excitation,
@@ -45,6 +53,7 @@ __all__ = [
     "ColumnMap",
     "Guess",
     "Inspection",
+    "LogFile",
     "Motion",
     "columns_of",
     "digest_of",
@@ -58,6 +67,7 @@ __all__ = [
     "PLAIN",
     "Parser",
     "Phase",
+    "Progress",
     "Readings",
     "Row",
     "SUFFIXES",

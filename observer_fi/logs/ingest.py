@@ -1,6 +1,6 @@
 """A file of samples becomes a Log. `read_log` reads it whole, `open_log` chunk by chunk in bounded memory."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +31,7 @@ __all__ = [
 ]
 
 CHUNK_ROWS = 1 << 16
+Progress = Callable[[float], None]  # is told how much is done, from 0 to 1
 MOST_WHOLE = (
     6_000_000  # samples of a log that is read whole: an hour at 1600 Hz; a longer one goes chunk by chunk
 )
@@ -55,6 +56,11 @@ class LogFile:
     def columns(self) -> tuple[str, ...]:
         """Columns of the contract that the file holds."""
         return self._table.columns
+
+    @property
+    def share_read(self) -> float:
+        """How much of the file was read so far, from 0 to 1."""
+        return self._source.share_read
 
     @property
     def has_command(self) -> bool:

@@ -1,4 +1,4 @@
-"""The bank on a live stream: lines from standard input or a growing file, one JSON line per change of verdict.
+"""The bank on a live stream: lines from standard input or a growing file, one JSON line per change of verdict, or one in words.
 
 The stream goes lines -> samples (`lines.py`) -> bank and verdict (`live.py`) -> lines. A signal ends it cleanly.
 """
@@ -50,7 +50,7 @@ BUSY_S, IDLE_S = 5e-4, 0.02  # how often a file is looked at while it grows, and
 @dataclass(frozen=True)
 class Options:
     """What a user may choose. every: samples between lines with the posterior, 0 for none; heartbeat_s: seconds without
-    a line after which one is written, 0 for none."""
+    a line after which one is written, 0 for none; text: words instead of JSON."""
 
     rig: Rig
     settings: Settings
@@ -60,6 +60,7 @@ class Options:
     every: int = 0
     heartbeat_s: float = 0.0
     quiet: bool = False
+    text: bool = False
 
 
 class Pipe:
@@ -211,6 +212,7 @@ class Watch:
         self, options: Options, name: str, out: "TextIO | Breakable", complain: Callable[[str], None]
     ) -> None:
         self.options, self.name, self.out, self.complain = options, name, out, complain
+        self._formatted = _worded if options.text else _json_line
         rig = options.rig
         self.parser = Parser(name, options.columns, rig.driven.command, rig.model.vector)
         self.splitter, self.clock = Splitter(), Clock()
@@ -377,8 +379,18 @@ class Watch:
 
     def _line_out(self, line: dict[str, Any]) -> None:
         values = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in line.items()}
-        self.out.write(json.dumps(values, allow_nan=False) + "\n")
+        self.out.write(self._formatted(values) + "\n")
         self.out.flush()
+
+
+def _worded(line: dict[str, Any]) -> str:
+    from observer_fi.serve.watch_words import in_words  # pages and their templates come with it
+
+    return in_words(line)
+
+
+def _json_line(line: dict[str, Any]) -> str:
+    return json.dumps(line, allow_nan=False)
 
 
 def posterior(modes: tuple[str, ...], probability: Array) -> dict[str, float]:
@@ -536,7 +548,7 @@ def run(args: Any, complain: Callable[[str], None]) -> int:
     columns = load_columns(args.columns) if args.columns else PLAIN
     options = Options(
         load_rig(args.rig), load_settings(args.settings), columns, args.engine, args.filter, args.every,
-        args.heartbeat, args.quiet,
+        args.heartbeat, args.quiet, args.text,
     )  # fmt: skip
     if args.follow is None and sys.stdin is None:
         raise UsageError("standard input is closed: pipe a logger into watch, or give --follow FILE")

@@ -15,6 +15,8 @@ from observer_fi.logs import (
     ABSENT,
     CHUNK_ROWS,
     ColumnMap,
+    LogFile,
+    Progress,
     log_name,
     log_segments,
     open_log,
@@ -70,17 +72,18 @@ def diagnose(
     filter_kind: str = "ekf",
     columns: ColumnMap | None = None,
     detected_at: float | None = None,
+    progress: Progress = lambda share: None,
 ) -> Outcome:
     """The verdict on one log file. detected_at: time of an external detection [s]; the verdict starts there.
 
-    Raises InvalidLogError with the one line for the user.
+    progress: is told what share of the log was judged. Raises InvalidLogError with the one line for the user.
     """
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
     recovered = None
     if not (file.has_command or rig.driven.command):
         recovered = with_command(read_log(path, columns), rig)
-    run.add_all(file.chunks() if recovered is None else _pieces(recovered))
+    run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
     facts: dict[str, Any] = {
@@ -90,9 +93,16 @@ def diagnose(
     return run.outcome(log_name(path), facts)
 
 
-def _pieces(log: Log) -> Iterator[Log]:
+def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
+    for log in file.chunks():
+        yield log
+        progress(file.share_read)
+
+
+def _pieces(log: Log, progress: Progress) -> Iterator[Log]:
     for first in range(0, log.t.size, CHUNK_ROWS):
         yield log.part(slice(first, first + CHUNK_ROWS))
+        progress(min(1.0, (first + CHUNK_ROWS) / log.t.size))
 
 
 def diagnose_log(

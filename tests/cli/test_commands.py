@@ -15,7 +15,8 @@ from force_rig import COULOMB, MASS, D, Truth
 from force_rig import log as force_log
 
 from observer_fi.cli.commands import COMMANDS, main
-from observer_fi.cli.options import BUG, FAULT, OK, USAGE, tell_when_compiling
+from observer_fi.cli.options import BUG, FAULT, OK, USAGE
+from observer_fi.cli.progress import tell_when_compiling
 from observer_fi.physics.rigs import load_rig
 
 ROOT = Path(__file__).parents[2]

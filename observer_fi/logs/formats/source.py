@@ -45,6 +45,7 @@ class Source:
             if not stat.S_ISREG(found.st_mode):
                 raise InvalidLogError(f"{path}: cannot read the log ({_kind(found.st_mode)}); give a file")
             self._first = _identity(found)
+            self._opened: BinaryIO | None = None
             with open(path, "rb") as stream:
                 self.magic = stream.read(4)
         except InvalidLogError:
@@ -60,6 +61,13 @@ class Source:
         """Bytes on disk."""
         return self._first.size
 
+    @property
+    def share_read(self) -> float:
+        """How much of the file was read by whoever opened it last, from 0 to 1."""
+        if self._opened is None or not self.size:
+            return 0.0
+        return 1.0 if self._opened.closed else self._opened.tell() / self.size
+
     def open(self) -> BinaryIO:
         """The bytes from the first on; the caller closes it. Raises InvalidLogError if they are no longer the same file."""
         try:
@@ -69,6 +77,7 @@ class Source:
         if _identity(os.fstat(stream.fileno())) != self._first:
             stream.close()
             raise self._replaced()
+        self._opened = stream
         return stream
 
     def check(self) -> None:
