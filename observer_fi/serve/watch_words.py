@@ -3,14 +3,14 @@
 from typing import Any
 
 from observer_fi.physics import FAULTS, NOT_TESTED
-from observer_fi.report.diagnosis import percent, seconds
+from observer_fi.report import diagnosis
 
 SHOWN = 0.005  # hypotheses less likely than this are left out of a sample's line
 
 
 def in_words(line: dict[str, Any]) -> str:
     """One line of `watch` as one line of text."""
-    now = f"{seconds(line['time_s']):>12}  "
+    now = f"{diagnosis.seconds(line['time_s']):>12}  "
     if line["event"] == "sample":
         return now + _odds(line["posterior"])
     moves = "1 move" if line["move"] == 1 else f"{line['move']} moves"
@@ -34,14 +34,14 @@ def _verdict(line: dict[str, Any]) -> str:
     if label == NOT_TESTED:
         return "not tested"
     channel = f" ({line['channel']})" if line["channel"] else ""
-    said = f"{FAULTS[label].title.lower()}{channel}, probability {percent(line['probability'])}"
+    said = f"{FAULTS[label].title.lower()}{channel}, probability {diagnosis.percent(line['probability'])}"
     if line["since_s"] is not None:
-        said += f", above 95 % since {seconds(line['since_s'])}"
+        said += f", above 95 % since {diagnosis.seconds(line['since_s'])}"
     if line["detected_s"] is not None:
-        said += f", suspected since {seconds(line['detected_s'])}"
+        said += f", suspected since {diagnosis.seconds(line['detected_s'])}"
     return said
 
 
 def _odds(posterior: dict[str, float]) -> str:
     likely = sorted(((p, label) for label, p in posterior.items() if p >= SHOWN), reverse=True)
-    return ", ".join(f"{FAULTS[label].title.lower()} {percent(p)}" for p, label in likely)
+    return ", ".join(f"{FAULTS[label].title.lower()} {diagnosis.percent(p)}" for p, label in likely)
