@@ -8,6 +8,7 @@ import numpy as np
 from observer_fi.improve import Improvement, Residuals
 from observer_fi.physics import NOMINAL, NOT_TESTED, colour_of, mode_of, words_of
 from observer_fi.records import Array, Event, Fit, Outcome, Parameter, Traces
+from observer_fi.report.diagnosis import headline
 from observer_fi.report.still_figures import (
     INK,
     MEASURED,
@@ -56,14 +57,14 @@ def _evidence(traces: Traces, outcome: Outcome, verdict: Event, events: Sequence
         _norms(column[4], traces, outcome.modes, rows)
         _innovations(column[5], traces)
         _posterior(column[6], traces, outcome.modes)
+        _overruled(column[6], outcome)
         for axes in column:
             _events(axes, traces, events)
         _event_words(column[0], traces, verdict)
         column[6].set_xlabel("time [s]")
         column[6].set_xlim(float(traces.t[0]), float(traces.t[-1]))
         figure.align_ylabels(column)
-        said = words_of(mode_of(verdict.label, verdict.channel))
-        figure.suptitle(f"{outcome.name}: {said}", x=0.01, ha="left", fontweight="bold")
+        figure.suptitle(f"{outcome.name}: {headline(outcome)}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -127,6 +128,21 @@ def _posterior(axes: Axes, traces: Traces, modes: Sequence[str]) -> None:
     axes.axhline(0.95, color=MUTED, linewidth=0.8, linestyle=":")
     axes.set(ylabel="probability [1]", ylim=(-0.03, 1.03))
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+
+
+def _overruled(axes: Axes, outcome: Outcome) -> None:
+    """Says so where the verdict is not what the bank thought at the end of its move."""
+    whole, isolation = outcome.overview, outcome.isolation
+    if whole is None or isolation is None:
+        return
+    verdict = isolation.verdict
+    within = np.flatnonzero(whole.t <= verdict.end_s)
+    if not within.size:
+        return
+    thought = outcome.modes[int(whole.probability[within[-1]].argmax())]
+    if thought != mode_of(verdict.label, verdict.channel):
+        said = f"of the bank as it ran, which ended with {words_of(thought)}; tests of the whole move overruled it"
+        axes.set_title(said, fontsize=8, fontweight="normal", color=MUTED)
 
 
 def _events(axes: Axes, traces: Traces, events: Sequence[Event]) -> None:
