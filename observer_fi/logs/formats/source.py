@@ -5,6 +5,7 @@ import gzip
 import hashlib
 import os
 import stat
+import weakref
 import zlib
 from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
@@ -45,7 +46,7 @@ class Source:
             if not stat.S_ISREG(found.st_mode):
                 raise InvalidLogError(f"{path}: cannot read the log ({_kind(found.st_mode)}); give a file")
             self._first = _identity(found)
-            self._opened: BinaryIO | None = None
+            self._opened: weakref.ref[BinaryIO] | None = None  # not to keep it open
             with open(path, "rb") as stream:
                 self.magic = stream.read(4)
         except InvalidLogError:
@@ -66,7 +67,8 @@ class Source:
         """How much of the file was read by whoever opened it last, from 0 to 1."""
         if self._opened is None or not self.size:
             return 0.0
-        return 1.0 if self._opened.closed else self._opened.tell() / self.size
+        stream = self._opened()
+        return 1.0 if stream is None or stream.closed else stream.tell() / self.size
 
     def open(self) -> BinaryIO:
         """The bytes from the first on; the caller closes it. Raises InvalidLogError if they are no longer the same file."""
@@ -77,7 +79,7 @@ class Source:
         if _identity(os.fstat(stream.fileno())) != self._first:
             stream.close()
             raise self._replaced()
-        self._opened = stream
+        self._opened = weakref.ref(stream)
         return stream
 
     def check(self) -> None:
