@@ -5,6 +5,7 @@ import io
 import shlex
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from observer_fi.cli import progress as told
 from observer_fi.cli.commands import COMMANDS, _parser
 from observer_fi.cli.options import say
 from observer_fi.cli.progress import Stages, progress, share_of
+from observer_fi.logs import open_log
 
 
 class Terminal(io.StringIO):
@@ -92,3 +94,12 @@ def test_help_has_examples_that_parse(name: str, capsys: pytest.CaptureFixture[s
         _parser(name).parse_args([name, "--help"])
     said = capsys.readouterr().out
     assert all(f"observer-fi {words}" in said and f"# {what}" in said for words, what in examples)
+
+
+def test_a_log_knows_how_much_of_it_was_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{1e-3 * k:.3f},0.000000000,0.000000000,0.000000000\n" for k in range(120_000))
+    path.write_text("time_s,voltage_v,current_a,position_m\n" + rows)
+    file = open_log(path)
+    shares = [file.share_read for _ in file.chunks(1000)]
+    assert shares == sorted(shares) and 0.0 < shares[0] < 0.6 and shares[-1] == 1.0 == file.share_read
