@@ -198,8 +198,8 @@ def captions(outcome: Outcome) -> dict[str, str]:
         "what the best model of each moment did not foresee; if it fits, 95 % of the dots lie in the grey band and show no "
         "pattern. Where samples are too many, extremes are kept; around every fault each one is there.",
         "norms": "Norm of the residuals in current, position and speed (equation 19). The mixture's models run open loop "
-        "from the detection on: they never look at the data again, so they drift apart. Its norms are scaled by its constant standard "
-        "deviations, the bank's by the noise of the sensors: the two have scales of their own.",
+        "from the detection on: they never look at the data again, so they drift apart. Its norms are scaled by its constant "
+        "standard deviations, the bank's by the noise of the sensors: the two have scales of their own.",
     }
     verdict = None if outcome.isolation is None else outcome.isolation.verdict
     if verdict is not None and verdict.label != NOMINAL and verdict.isolated_s is None:
