@@ -4,6 +4,9 @@ One Axis a link: all panels that share the range of x, wherever on the page they
 "use strict";
 (function () {
   const FONT = "12px system-ui, -apple-system, 'Segoe UI', Roboto, Arial, sans-serif";
+  const PART = "Part of the log that is shown";
+  const HOW = "Drag across a chart to zoom, double-click to see all of it again. With a chart chosen: arrows move, + and \u2212 " +
+    "or the wheel zoom, 0 shows all. Fingers move and pinch. A line's name hides it.";
   const PAPER = 700; // width of a chart in print, CSS pixels
   const axes = new Map(), all = [];
 
@@ -40,6 +43,17 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     return found.filter(v => v >= low && v <= high);
   }
 
+  function lettered(ctx) {
+    Object.assign(ctx, { font: FONT.replace("12px", 12 * devicePixelRatio + "px"), textAlign: "left", textBaseline: "alphabetic" });
+  }
+
+  function decades(low, high) { // powers of ten, with twos and fives where there are few of them
+    const first = Math.floor(Math.log10(low)), last = Math.ceil(Math.log10(high)), found = [];
+    const parts = Math.log10(high / low) < 2.2 ? [1, 2, 5] : [1], step = Math.max(1, Math.ceil((last - first) / 6));
+    for (let k = first; k <= last; k += step) for (const part of parts) found.push(part * 10 ** k);
+    return found.filter(v => v >= low && v <= high);
+  }
+
   // --- one axis for the panels of a link ---
 
   class Axis {
@@ -47,9 +61,9 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       Object.assign(this, { key: key, charts: [], bars: [], whole: [Infinity, -Infinity], now: null, drawing: 0 });
     }
 
-    cover(x) {
+    cover(x, share) {
       if (!x.length) return;
-      const low = x[0], high = x[x.length - 1], room = high > low ? 0 : 0.5;
+      const low = x[0], high = x[x.length - 1], room = high > low ? share * (high - low) : 0.5;
       this.whole = [Math.min(this.whole[0], low - room), Math.max(this.whole[1], high + room)];
     }
 
@@ -84,15 +98,18 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     reset() { this.zoom(this.whole[0], this.whole[1]); }
   }
 
+  function axisOf(key) {
+    if (!axes.has(key)) axes.set(key, new Axis(key));
+    return axes.get(key);
+  }
+
   // --- one panel ---
 
   class Chart {
     constructor(group, spec, place, x, first, last) {
-      Object.assign(this, { group, spec, place, first, last, u: null, x: unpacked(x), on: spec.series.map(s => s.shown) });
-      const own = spec.link || group.id + "-" + all.length;
-      if (!axes.has(own)) axes.set(own, new Axis(own));
-      this.axis = axes.get(own);
-      this.axis.cover(this.x);
+      Object.assign(this, { group, spec, place, first, last, u: null, x, on: spec.series.map(s => s.shown) });
+      this.axis = axisOf(spec.link || group.id + "-" + all.length);
+      this.axis.cover(this.x, spec.series.some(s => s.points > 3) ? 0.02 : 0); // room for dots at the ends
       this.axis.charts.push(this);
       this.plot = place.querySelector(".plot");
       this.at = []; // of each series, its place among uPlot's
@@ -184,10 +201,11 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       }
       const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
       if (spec.scale === "asinh") up.splits = (u, k, low, high) => powers(low, high);
+      if (spec.scale === "log") Object.assign(up, { splits: (u, k, low, high) => decades(low, high), filter: (u, at) => at });
       this.plot.style.height = "";
       this.u = new uPlot({
         width: width, height: spec.height + (last ? 40 : 0), series: series, bands: bands, legend: { show: false },
-        padding: [this.first && spec.link ? 18 : 8, 10, 0, 0],
+        padding: [(this.first && spec.link) || spec.marks.length ? 18 : 8, 10, 0, 0],
         cursor: {
           y: false, sync: { key: this.axis.key, setSeries: false, scales: ["x", null] }, focus: { prox: -1 },
           drag: { x: true, y: false, setScale: false }, points: { size: 7 },
@@ -240,8 +258,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     moments() {
       const dpr = devicePixelRatio, [left, top, width, height] = this.box(), u = this.u;
       this.clipped(ctx => {
-        ctx.font = FONT.replace("12px", 12 * dpr + "px");
-        ctx.textAlign = "left";
+        lettered(ctx);
         for (const level of this.spec.levels) if (level.to == null) {
           const y = u.valToPos(level.y, "y", true);
           this.line(ctx, left, y, left + width, y, this.css("--muted"), [4, 3]);
@@ -259,8 +276,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       const own = this.first && this.spec.link ? this.marks() : this.spec.marks;
       let free = left;
       ctx.save();
-      ctx.font = FONT.replace("12px", 12 * dpr + "px");
-      ctx.textAlign = "left";
+      lettered(ctx);
       for (const mark of own.filter(m => m.at != null && m.name).sort((a, b) => a.at - b.at)) {
         const x = this.u.valToPos(mark.at, "x", true), wide = ctx.measureText(mark.name).width;
         if (x < left - 1 || x > left + width + 1) continue;
@@ -273,13 +289,9 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     }
 
     line(ctx, x0, y0, x1, y1, colour, dash) {
-      ctx.beginPath();
-      ctx.strokeStyle = colour;
-      ctx.lineWidth = 1.2 * devicePixelRatio;
+      Object.assign(ctx, { strokeStyle: colour, lineWidth: 1.2 * devicePixelRatio });
       ctx.setLineDash(dash.map(d => d * devicePixelRatio));
-      ctx.moveTo(x0, y0);
-      ctx.lineTo(x1, y1);
-      ctx.stroke();
+      ctx.stroke(new Path2D("M" + x0 + " " + y0 + "L" + x1 + " " + y1));
     }
 
     word(ctx, text, x, y, colour) {
@@ -347,25 +359,20 @@ One Axis a link: all panels that share the range of x, wherever on the page they
 
   function bar(group, spec, axis) {
     const place = document.createElement("div"), when = document.createElement("output"), [low, high] = axis.whole;
-    const views = [{ name: "whole log", low: low, high: high }, ...spec.views];
+    const views = [{ name: "whole log", low: low, high: high }, ...spec.views].map(
+      view => ({ name: view.name, low: Math.max(view.low, low), high: Math.min(view.high, high) }));
     const near = view => Math.abs(view.low - axis.now[0]) + Math.abs(view.high - axis.now[1]) < 1e-6 * (high - low);
-    const views_as = views.map(view => ({ name: view.name, low: Math.max(view.low, low), high: Math.min(view.high, high) }));
-    place.className = "views";
-    place.setAttribute("role", "group");
-    place.setAttribute("aria-label", "Part of the log that is shown");
+    Object.assign(place, { className: "views", role: "group", ariaLabel: PART });
     when.className = "when";
     if (views.length > 9) {
-      const list = document.createElement("select");
-      list.setAttribute("aria-label", "Part of the log that is shown");
-      list.append(new Option("a part of your own", ""), ...views_as.map((view, k) => new Option(view.name, k)));
-      list.addEventListener("change", () => list.value && axis.zoom(views_as[list.value].low, views_as[list.value].high));
-      axis.bars.push(() => { const k = views_as.findIndex(near); list.value = k < 0 ? "" : k; });
+      const list = Object.assign(document.createElement("select"), { ariaLabel: PART });
+      list.append(new Option("a part of your own", ""), ...views.map((view, k) => new Option(view.name, k)));
+      list.addEventListener("change", () => list.value && axis.zoom(views[list.value].low, views[list.value].high));
+      axis.bars.push(() => { const k = views.findIndex(near); list.value = k < 0 ? "" : k; });
       place.append(list);
     } else {
-      for (const view of views_as) {
-        const button = document.createElement("button");
-        button.type = "button";
-        button.textContent = view.name;
+      for (const view of views) {
+        const button = Object.assign(document.createElement("button"), { type: "button", textContent: view.name });
         button.addEventListener("click", () => axis.zoom(view.low, view.high));
         axis.bars.push(() => button.setAttribute("aria-pressed", String(near(view))));
         place.append(button);
@@ -373,19 +380,17 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     }
     place.append(when);
     group.prepend(place);
-    const how = document.createElement("p");
-    how.className = "how";
-    how.textContent = "Drag across a chart to zoom, double-click to see all of it again. With a chart chosen: arrows move, + and \u2212 or the wheel zoom, 0 shows all. Fingers move and pinch. A line's name hides it.";
-    group.append(how);
-    if (spec.start != null) axis.now = [views_as[spec.start + 1].low, views_as[spec.start + 1].high];
+    group.append(Object.assign(document.createElement("p"), { className: "how", textContent: HOW }));
+    if (spec.start != null) axis.now = [views[spec.start + 1].low, views[spec.start + 1].high];
   }
 
   for (const group of document.querySelectorAll(".charts")) {
     const data = group.querySelector('script[type="application/json"]'), spec = JSON.parse(data.textContent);
     const places = group.querySelectorAll(".panel"), linked = spec.panels.filter(p => p.link);
+    const xs = spec.x.map(unpacked);
     group.marks = spec.marks;
     spec.panels.forEach((panel, k) => {
-      all.push(new Chart(group, panel, places[k], spec.x[panel.x], panel === linked[0], panel === linked[linked.length - 1]));
+      all.push(new Chart(group, panel, places[k], xs[panel.x], panel === linked[0], panel === linked[linked.length - 1]));
     });
     if (spec.views.length) bar(group, spec, axes.get(linked[0].link));
   }
