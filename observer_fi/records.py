@@ -282,7 +282,8 @@ class Traces:
     winner; mixture_t (q,), mixture_norm (q, 3) and mixture_predicted (q, 3, 3) of the open-loop mixture's nominal, overload
     and coupling loss from its start on (empty where it did not run). evidence (k, m): how much more or less likely each
     hypothesis made the samples since the onset of the fault, or since a healthy move began, than the best one of each
-    sample did [nats], NaN where there is no move; posterior (k, 7): the
+    sample did [nats], NaN where there is no move; spared (k, m, 3): minus half the squared residuals of voltage, current and
+    position over their noise, summed likewise; posterior (k, 7): the
     probabilities of the contract's labels as the verdicts leave them, where tests of a whole move may overrule the bank.
     """
 
@@ -300,6 +301,7 @@ class Traces:
     mixture_norm: Array
     mixture_predicted: Array
     evidence: Array
+    spared: Array
     posterior: Array
 
 

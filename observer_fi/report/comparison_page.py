@@ -71,7 +71,7 @@ def delay_charts(cases: list[dict[str, Any]]) -> Charts:
             )
         y = np.concatenate((np.full(places.size, np.nan), medians))
         lines.append(Series("median", y[order], INK, 0.0, points=11.0))
-        ticks = tuple((k + 0.5, f"{judge}, {group.split()[0]}") for k, (group, judge) in enumerate(strips))
+        ticks = tuple((k + 0.5, f"{judge}\n{group.split()[0]}") for k, (group, judge) in enumerate(strips))
         about = f"Time from the onset to the isolation of {words_of(fault)} in ms, a dot a log, by judge and phase."
         title = f"{words_of(fault).capitalize()}: onset to isolation"
         panels.append(

@@ -15,6 +15,7 @@ RIVALS = 3  # whose evidence is drawn from the start; the others' lines are a cl
 BEFORE_S, AFTER_S, PAST_S = 0.03, 0.12, 0.03  # shown before an onset, after it, and after the isolation
 MOST_VIEWS = 40
 
+BY_CHANNEL = (("voltage", "#8a6100"), ("current", "#0b62b0"), ("position", "#7a3b9a"))
 # name, unit, factor from SI, narrowest range shown
 CHANNELS = (
     ("Voltage", "V", 1.0, 0.05),
@@ -30,7 +31,8 @@ def draw(outcome: Outcome) -> dict[str, Charts]:
     if isolation is None or traces is None or isolation.verdict.label == NOT_TESTED or traces.t.size < 2:
         return {}
     panels = (*signals(traces, outcome.modes, isolation), posterior(traces, isolation),
-              evidence(traces, outcome.modes, isolation.verdict), *innovations(traces))  # fmt: skip
+              evidence(traces, outcome.modes, isolation.verdict), *by_channel(traces, outcome.modes, isolation.verdict),
+              *innovations(traces))  # fmt: skip
     kept = views(isolation)
     start = 0 if isolation.verdict.label != NOMINAL and kept else None
     drawn = {"log": Charts("log", panels, marks(isolation), kept, start)}
@@ -110,6 +112,26 @@ def evidence(traces: Traces, modes: tuple[str, ...], verdict: Event) -> Panel:
     about = f"Evidence {what} {since}, over time, in powers of ten of the odds."
     return Panel(f"Evidence {what} {since}", "powers of ten", traces.t, lines, about, link=TIME, least=2.0,
                  scale="asinh", levels=(Level(0.0),))  # fmt: skip
+
+
+def by_channel(traces: Traces, modes: tuple[str, ...], verdict: Event) -> list[Panel]:
+    """Which channel told a fault of the plant: what the winner leaves of it less than the healthy model does.
+
+    A failed channel is judged by other rules than its residual, so a verdict on a sensor has no such picture.
+    """
+    mode = mode_of(verdict.label, verdict.channel)
+    if mode not in OPEN_LOOP or mode == NOMINAL or mode not in modes:
+        return []
+    told = (traces.spared[:, modes.index(mode)] - traces.spared[:, modes.index(NOMINAL)]) / np.log(10.0)
+    lines = tuple(
+        Series(name, told[:, c], colour, 1.6)
+        for c, (name, colour) in enumerate(BY_CHANNEL)
+        if np.isfinite(traces.z[:, c]).any()
+    )
+    title = f"Which channel tells {words_of(mode)} from no fault"
+    about = f"{title}: squared residuals over the noise that it spares since the onset, in powers of ten of the odds."
+    return [Panel(title, "powers of ten", traces.t, lines, about, link=TIME, least=2.0, scale="asinh",
+                  levels=(Level(0.0),), height=110)]  # fmt: skip
 
 
 def innovations(traces: Traces) -> list[Panel]:
@@ -194,7 +216,8 @@ def captions(outcome: Outcome) -> dict[str, str]:
     found = {
         "log": "Dark: measured; in colour what a model predicted one sample ahead. The data correct the models all the time, so "
         "they stay close; small differences add up to the evidence below. Evidence: by how many powers of ten the samples "
-        "since the onset are likelier under the verdict than under a rival, on a scale that is logarithmic beyond one. Surprise: "
+        "since the onset are likelier under the verdict than under a rival, on a scale that is logarithmic beyond one; "
+        "which channel tells it is seen in the residuals that the verdict spares, each over its noise. Surprise: "
         "what the best model of each moment did not foresee; if it fits, 95 % of the dots lie in the grey band and show no "
         "pattern. Where samples are too many, extremes are kept; around every fault each one is there.",
         "norms": "Norm of the residuals in current, position and speed (equation 19). The mixture's models run open loop "

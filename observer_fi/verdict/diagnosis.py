@@ -215,7 +215,8 @@ class Diagnosis:
             self._look_for_onsets(tracker)
         self._ask_moves(self.isolator.events)
         judged = tested(estimate, self.settings.decision)
-        rows_of = partial(sketch.rows, log, judged, self.logged, given.z, self.evidence.add(estimate, starts))
+        told = self.evidence.add(estimate, log.z, self.logged.noise_std, starts)
+        rows_of = partial(sketch.rows, log, judged, self.logged, given.z, told)
         self.overview.add(given.z, rows_of)
         self.samples_near.add(log.t, rows_of, self._spans())
         detected = self.detected_at if self.detected_at is not None else self._first_detection()
@@ -327,7 +328,8 @@ class Diagnosis:
             replace(
                 traces,
                 posterior=sketch.as_judged(traces, self.isolator.modes, events),
-                evidence=sketch.since_onsets(traces, events),
+                evidence=sketch.since_onsets(traces.evidence, traces.t, events),
+                spared=sketch.since_onsets(traces.spared, traces.t, events),
             )
             for traces in (sketch.unpacked(table, m, mixture) for table in (whole, _within(near, span)))
         )

@@ -28,9 +28,9 @@ def rows(
     which: NDArray[np.int64] | slice = slice(None),
 ) -> Array:  # fmt: skip
     """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations,
-    evidence (m).
+    evidence (4 m).
 
-    drawn: (n, 3) all readings, of which the filters took those of `log`; evidence: (n, m) see `Evidence`.
+    drawn: (n, 3) all readings, of which the filters took those of `log`; evidence: (n, 4 m) see `Evidence`.
     """
     p, z, predicted = rig.model.vector, drawn[which], e.predicted[which]
     n, m, _ = predicted.shape
@@ -49,40 +49,53 @@ def rows(
 
 def unpacked(table: Array, m: int, mixture: tuple[Array, Array, Array] | None = None) -> Traces:
     """The rows of `rows` as Traces of m hypotheses, with the mixture's times, norms and predictions where it ran."""
-    cuts = np.cumsum([1, 3, 1, 1, 1, m, 3 * m, m, m, 3, m])
-    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen, evidence = np.split(
+    cuts = np.cumsum([1, 3, 1, 1, 1, m, 3 * m, m, m, 3, m, 3 * m])
+    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen, evidence, spared = np.split(
         table, cuts[:-1], axis=1
     )
     mixture_t, mixture_norm, mixture_y = mixture or (np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)))
     return Traces(
         t[:, 0], z, w[:, 0], w_cmd[:, 0], pitch[:, 0], probability, predicted.reshape(-1, m, 3), w_predicted, norm, seen,
-        mixture_t, mixture_norm, mixture_y, evidence, probability,
+        mixture_t, mixture_norm, mixture_y, evidence, spared.reshape(-1, m, 3), probability,
     )  # fmt: skip
 
 
 class Evidence:
-    """How much less likely than the best hypothesis each one has made the samples of its move so far [nats]."""
+    """What the samples of a move so far say for each hypothesis [nats], as far as it moves; a rest says nothing."""
 
     def __init__(self) -> None:
         self.before: Array | None = None  # at the end of the last chunk
 
-    def add(self, e: Estimate, starts: Iterable[float]) -> Array:
-        """The evidence at each of the next samples, (n, m); starts: when moves began [s]. A rest says nothing."""
-        n, m = e.probability.shape
-        before = np.zeros(m) if self.before is None else self.before
-        if e.density.size:
-            told = np.nan_to_num(e.density, nan=0.0)
-            less = np.maximum(told - told.max(axis=1, keepdims=True), -MOST_NATS)
-        else:
-            less = np.zeros((n, m))
-        found = before + np.cumsum(np.where(e.active[:, None], less, 0.0), axis=0)
+    def add(self, e: Estimate, z: Array, std: Array, starts: Iterable[float]) -> Array:
+        """The evidence at each of the next samples, (n, 4 m): how likely each hypothesis made them, less than the best of each
+        sample did (m), and minus half its squared residuals over the noise, channel by channel (3 m).
+
+        z (n, 3) readings; std (3,) their noise; starts: when moves began [s].
+        """
+        told = np.column_stack((_less_likely(e), _spared(e, z, std)))
+        before = np.zeros(told.shape[1]) if self.before is None else self.before
+        found = before + np.cumsum(np.where(e.active[:, None], told, 0.0), axis=0)
         for start in sorted(starts):
             k = int(np.searchsorted(e.t, start))
-            if k < n and e.t[k] == start:
+            if k < e.t.size and e.t[k] == start:
                 found[k:] -= found[k - 1] if k else before
-        if n:
+        if e.t.size:
             self.before = found[-1].copy()
         return found
+
+
+def _less_likely(e: Estimate) -> Array:
+    """Log-density of each sample under each hypothesis less that of the best, (n, m)."""
+    if not e.density.size:
+        return np.zeros_like(e.probability)
+    told = np.nan_to_num(e.density, nan=0.0)
+    return np.maximum(told - told.max(axis=1, keepdims=True), -MOST_NATS)
+
+
+def _spared(e: Estimate, z: Array, std: Array) -> Array:
+    """Minus half the squared residual of each hypothesis over the noise, channel by channel, (n, 3 m)."""
+    half = 0.5 * np.nan_to_num((z[:, None, :] - e.predicted) / std) ** 2
+    return -np.minimum(half, MOST_NATS).reshape(len(z), -1)
 
 
 def as_judged(traces: Traces, modes: tuple[str, ...], events: Sequence[Event]) -> Array:
@@ -107,20 +120,17 @@ def as_judged(traces: Traces, modes: tuple[str, ...], events: Sequence[Event]) -
     return p
 
 
-def since_onsets(traces: Traces, events: Sequence[Event]) -> Array:
-    """Evidence (k, m) from the onset of each fault on, or from the start of a healthy move; NaN where there is no move.
+def since_onsets(evidence: Array, t: Array, events: Sequence[Event]) -> Array:
+    """Evidence (k, ...) from the onset of each fault on, or from the start of a healthy move; NaN where there is no move.
 
-    Before an onset the samples speak for the healthy hypothesis, which says nothing of what came then.
+    t (k,) s. Before an onset the samples speak for the healthy hypothesis, which says nothing of what came then.
     """
-    found = np.full_like(traces.evidence, np.nan)
+    found = np.full_like(evidence, np.nan)
     for event in events:
         begin = event.start_s if event.onset_s is None else event.onset_s
-        first, last = (
-            int(np.searchsorted(traces.t, begin)),
-            int(np.searchsorted(traces.t, event.end_s, "right")),
-        )
+        first, last = int(np.searchsorted(t, begin)), int(np.searchsorted(t, event.end_s, "right"))
         if first < last:
-            found[first:last] = traces.evidence[first:last] - traces.evidence[first]
+            found[first:last] = evidence[first:last] - evidence[first]
     return found
 
 

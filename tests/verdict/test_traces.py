@@ -90,10 +90,10 @@ def test_rows_and_traces_are_each_others_inverse() -> None:
     rig = load_rig()
     e = Bank(rig, BankSettings()).advance(log)
     m = len(e.modes)
-    traces = unpacked(rows(log, e, rig, log.z, e.nis), m)
+    traces = unpacked(rows(log, e, rig, log.z, np.hstack((e.nis, e.predicted.reshape(60, -1)))), m)
     for name, value in (("t", log.t), ("z", log.z), ("w_cmd", log.w_cmd), ("pitch", log.pitch), ("probability", e.probability),
                         ("predicted", e.predicted), ("normalised", e.normalised),
-                        ("evidence", e.nis)):  # fmt: skip
+                        ("evidence", e.nis), ("spared", e.predicted)):  # fmt: skip
         np.testing.assert_array_equal(getattr(traces, name), value)
     w = (log.z[:, 0] - rig.model["Rm"] * log.z[:, 1]) / rig.model["Km"]
     np.testing.assert_allclose(traces.w, w, rtol=1e-12)
@@ -169,12 +169,18 @@ def test_evidence_is_the_sum_of_log_densities_of_the_move_in_motion(cuts: list[i
     less = np.nan_to_num(density - density.max(axis=1, keepdims=True)).clip(-MOST_NATS, None)
     less[~active] = 0.0
     expected = np.concatenate((less[:start].cumsum(axis=0), less[start:].cumsum(axis=0)))
+    z, std = rng.normal(size=(90, 3)), np.array([1.0, 0.5, 2.0])
+    z[3, 1] = np.nan
+    half = np.minimum(0.5 * np.nan_to_num(z / std) ** 2, MOST_NATS) * active[:, None]
+    left = -np.concatenate(
+        (half[:start].cumsum(axis=0), half[start:].cumsum(axis=0))
+    )  # the predictions are all 0
     gathered, evidence = [], Evidence()
     for rows_ in np.split(np.arange(90), cuts):
         chosen = np.zeros(90, dtype=np.bool_)
         chosen[rows_] = True
-        gathered.append(evidence.add(e.at(chosen), [e.t[start]] if start in rows_ else []))
-    np.testing.assert_allclose(np.vstack(gathered), expected, atol=1e-9)
+        gathered.append(evidence.add(e.at(chosen), z[chosen], std, [e.t[start]] if start in rows_ else []))
+    np.testing.assert_allclose(np.vstack(gathered), np.hstack((expected, left, left, left)), atol=1e-9)
 
 
 def drawn(probability: np.ndarray, evidence: np.ndarray) -> Traces:
@@ -182,7 +188,8 @@ def drawn(probability: np.ndarray, evidence: np.ndarray) -> Traces:
     empty = np.zeros((n, m))
     one = np.arange(n) * 0.1
     return Traces(one, np.zeros((n, 3)), one, one, one, probability, np.zeros((n, m, 3)), empty, empty, np.zeros((n, 3)),
-                  np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)), evidence, empty)  # fmt: skip
+                  np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)), evidence,
+                  np.zeros((n, m, 3)), empty)  # fmt: skip
 
 
 def event(label: str, isolated: float | None, onset: float | None = None) -> Event:
@@ -203,6 +210,7 @@ def test_the_verdict_has_the_last_word_in_what_is_drawn() -> None:
 
 def test_evidence_begins_at_the_onset() -> None:
     evidence = np.arange(33.0).reshape(11, 3) ** 2
-    found = since_onsets(drawn(evidence, evidence), [event("overload", 0.5, 0.4)])
+    traces = drawn(evidence, evidence)
+    found = since_onsets(traces.evidence, traces.t, [event("overload", 0.5, 0.4)])
     np.testing.assert_array_equal(found[4:9], evidence[4:9] - evidence[4])
     assert np.isnan(found[:4]).all() and np.isnan(found[9:]).all()

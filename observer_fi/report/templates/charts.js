@@ -16,18 +16,10 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     if (Array.isArray(packed)) return packed;
     const text = atob(packed.data), bytes = new Uint8Array(text.length);
     for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
-    const view = new DataView(bytes.buffer);
-    const width = { f8: 8, f4: 4, u2: 2 }[packed.kind], found = new Array(bytes.length / width);
-    for (let k = 0; k < found.length; k++) {
-      if (packed.kind === "u2") {
-        const step = view.getUint16(2 * k, true);
-        found[k] = step > 65534 ? null : packed.low + (packed.high - packed.low) * step / 65534;
-      } else {
-        const v = width === 8 ? view.getFloat64(8 * k, true) : view.getFloat32(4 * k, true);
-        found[k] = Number.isFinite(v) ? v : null;
-      }
-    }
-    return found;
+    const raw = new { f8: Float64Array, f4: Float32Array, u2: Uint16Array }[packed.kind](bytes.buffer); // little-endian, as all are
+    if (packed.kind !== "u2") return Array.from(raw, v => Number.isFinite(v) ? v : null);
+    const step = (packed.high - packed.low) / 65534;
+    return Array.from(raw, v => v > 65534 ? null : packed.low + v * step);
   }
 
   function shown(value, unit) {
@@ -36,9 +28,14 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     return text.replace("-", "\u2212") + (unit ? "\u00a0" + unit : "");
   }
 
+  function known(y, k, spans) { // the reading at k, or the nearest one of a line that goes on where points are missing
+    for (let off = 0; spans && y[k] == null && off < y.length; off++) if (y[k - off] != null || y[k + off] != null) return y[k - off] ?? y[k + off];
+    return y[k];
+  }
+
   function powers(low, high) { // zero and a few powers of ten of either sign
     const last = Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high), 1)));
-    const step = Math.max(1, Math.ceil(last / (low < -1 ? 2 : 4))), found = [0];
+    const step = Math.max(1, Math.ceil(last / (low < -1 ? 3 : 4))), found = [0];
     for (let k = step; k <= last; k += step) found.unshift(-(10 ** k)), found.push(10 ** k);
     return found.filter(v => v >= low && v <= high);
   }
@@ -60,13 +57,11 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     constructor(key) {
       Object.assign(this, { key: key, charts: [], bars: [], whole: [Infinity, -Infinity], now: null, drawing: 0 });
     }
-
     cover(x, share) {
       if (!x.length) return;
       const low = x[0], high = x[x.length - 1], room = high > low ? share * (high - low) : 0.5;
       this.whole = [Math.min(this.whole[0], low - room), Math.max(this.whole[1], high + room)];
     }
-
     zoom(low, high) {
       const least = 1e-7 * (this.whole[1] - this.whole[0]);
       if (!(high - low > least)) return;
@@ -76,7 +71,6 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       this.now = [low, high];
       if (!this.drawing) this.drawing = requestAnimationFrame(() => this.draw());
     }
-
     draw() {
       cancelAnimationFrame(this.drawing);
       this.drawing = 0;
@@ -84,17 +78,14 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       for (const chart of this.charts) if (chart.u) chart.u.setScale("x", { min: this.now[0], max: this.now[1] });
       for (const bar of this.bars) bar();
     }
-
     by(factor, around) {
       const [low, high] = this.now, at = around == null ? (low + high) / 2 : around;
       this.zoom(at - (at - low) * factor, at + (high - at) * factor);
     }
-
     pan(share) {
       const by = share * (this.now[1] - this.now[0]);
       this.zoom(this.now[0] + by, this.now[1] + by);
     }
-
     reset() { this.zoom(this.whole[0], this.whole[1]); }
   }
 
@@ -117,17 +108,12 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       this.keys();
       new ResizeObserver(() => this.fit()).observe(this.plot);
     }
-
     css(name) { return getComputedStyle(this.group).getPropertyValue(name).trim(); }
-
     colour(number) { return () => this.css("--c" + number); }
-
     legend() {
       this.values = this.spec.series.map((series, k) => {
-        const button = document.createElement("button"), line = document.createElement("i");
-        const value = document.createElement("output");
-        button.type = "button";
-        button.setAttribute("aria-pressed", String(series.shown));
+        const [button, line, value] = ["button", "i", "output"].map(tag => document.createElement(tag));
+        Object.assign(button, { type: "button", ariaPressed: String(series.shown) });
         line.className = series.width ? "" : "dots";
         line.style[series.width ? "borderTopColor" : "background"] = "var(--c" + series.colour + ")";
         if (series.dash.length) line.style.borderTopStyle = "dashed";
@@ -137,20 +123,17 @@ One Axis a link: all panels that share the range of x, wherever on the page they
         return value;
       });
     }
-
     show(k, on) {
       this.on[k] = on;
-      this.place.querySelectorAll(".legend button")[k].setAttribute("aria-pressed", String(on));
+      this.place.querySelectorAll(".legend button")[k].ariaPressed = String(on);
       if (this.u) for (const at of this.at[k]) this.u.setSeries(at, { show: on });
     }
-
     fit() {
       const width = document.documentElement.classList.contains("paper") ? PAPER : this.plot.clientWidth;
       if (width < 40) return; // folded
       if (!this.u) this.make(width);
       else if (Math.abs(this.u.width - width) >= 1) this.u.setSize({ width: width, height: this.spec.height });
     }
-
     series() {
       const found = [{}], data = [this.x], bands = [];
       this.spec.series.forEach((s, k) => {
@@ -174,7 +157,6 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       });
       return [found, data, bands];
     }
-
     range(low, high) {
       const { limits, least } = this.spec;
       if (limits) return limits;
@@ -185,20 +167,15 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       const room = Math.max(0.06 * (high - low), 0.5 * (least - (high - low)), 1e-12 * Math.abs(high) || 1e-12);
       return [low - room, high + room];
     }
-
     make(width) {
       const [series, data, bands] = this.series(), spec = this.spec, ink = () => this.css("--muted");
       const line = { stroke: () => this.css("--line"), width: 1 };
       const last = this.last || !spec.link, y = { auto: true, range: (u, low, high) => this.range(low, high) };
-      if (spec.scale === "log") Object.assign(y, { distr: 3 });
-      if (spec.scale === "asinh") Object.assign(y, { distr: 4, asinh: 1 });
+      Object.assign(y, { log: { distr: 3 }, asinh: { distr: 4, asinh: 1 } }[spec.scale]);
       const across = { stroke: ink, font: FONT, labelFont: FONT, grid: line, ticks: line, size: last ? 28 : 6, gap: 4, space: 64 };
       if (!last) across.values = (u, at) => at.map(() => "");
       if (last && spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
-      if (spec.ticks.length) {
-        across.splits = () => spec.ticks.map(t => t[0]);
-        across.values = () => spec.ticks.map(t => t[1]);
-      }
+      if (spec.ticks.length) Object.assign(across, { splits: () => spec.ticks.map(t => t[0]), values: () => spec.ticks.map(t => t[1]), size: 44 });
       const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
       if (spec.scale === "asinh") up.splits = (u, k, low, high) => powers(low, high);
       if (spec.scale === "log") Object.assign(up, { splits: (u, k, low, high) => decades(low, high), filter: (u, at) => at });
@@ -226,9 +203,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     // --- what uPlot does not draw ---
 
     box() { const b = this.u.bbox; return [b.left, b.top, b.width, b.height]; }
-
     marks() { return [...(this.spec.link ? this.group.marks : []), ...this.spec.marks]; }
-
     clipped(paint) {
       const ctx = this.u.ctx;
       ctx.save();
@@ -238,7 +213,6 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       paint(ctx, this.u);
       ctx.restore();
     }
-
     behind() {
       this.clipped((ctx, u) => {
         const [left, top, width, height] = this.box();
@@ -254,15 +228,14 @@ One Axis a link: all panels that share the range of x, wherever on the page they
         }
       });
     }
-
     moments() {
       const dpr = devicePixelRatio, [left, top, width, height] = this.box(), u = this.u;
       this.clipped(ctx => {
         lettered(ctx);
         for (const level of this.spec.levels) if (level.to == null) {
-          const y = u.valToPos(level.y, "y", true);
+          const y = u.valToPos(level.y, "y", true), above = y - 16 * dpr > top;
           this.line(ctx, left, y, left + width, y, this.css("--muted"), [4, 3]);
-          if (level.name) this.word(ctx, level.name, left + 5 * dpr, y - 4 * dpr > top + 12 * dpr ? y - 4 * dpr : y + 13 * dpr, this.css("--muted"));
+          this.word(ctx, level.name, left + 5 * dpr, y + (above ? -4 : 13) * dpr, this.css("--muted"));
         }
         for (const mark of this.marks()) if (mark.at != null) {
           const x = u.valToPos(mark.at, "x", true);
@@ -271,7 +244,6 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       });
       this.names(u.ctx, left, top, width, dpr);
     }
-
     names(ctx, left, top, width, dpr) {
       const own = this.first && this.spec.link ? this.marks() : this.spec.marks;
       let free = left;
@@ -287,21 +259,20 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       }
       ctx.restore();
     }
-
     line(ctx, x0, y0, x1, y1, colour, dash) {
       Object.assign(ctx, { strokeStyle: colour, lineWidth: 1.2 * devicePixelRatio });
       ctx.setLineDash(dash.map(d => d * devicePixelRatio));
       ctx.stroke(new Path2D("M" + x0 + " " + y0 + "L" + x1 + " " + y1));
     }
-
     word(ctx, text, x, y, colour) {
       ctx.fillStyle = colour;
       ctx.fillText(text, x, y);
     }
-
     read() {
       const u = this.u, k = u ? u.cursor.idx : null, inside = k != null && u.cursor.left >= 0;
-      this.values.forEach((value, s) => { value.textContent = inside && this.on[s] ? shown(u.data[this.at[s][0]][k], this.spec.unit) : ""; });
+      this.values.forEach((value, s) => {
+        value.textContent = inside && this.on[s] ? shown(known(u.data[this.at[s][0]], k, this.spec.series[s].spans), this.spec.unit) : "";
+      });
       const when = this.group.querySelector(".when");
       if (when && this.spec.link) when.textContent = inside ? +this.x[k].toFixed(5) + " s" : "";
     }
@@ -314,7 +285,6 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
       if (width > 4 && this.axis.held === this) this.axis.zoom(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
     }
-
     keys() {
       this.plot.addEventListener("keydown", event => {
         const does = {
@@ -331,9 +301,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
         this.axis.by(Math.exp(0.002 * Math.max(-200, Math.min(200, event.deltaY))), this.under(event.clientX));
       }, { passive: false });
     }
-
     under(clientX) { return this.u.posToVal(clientX - this.u.over.getBoundingClientRect().left, "x"); }
-
     fingers() {
       const down = new Map(), over = this.u.over;
       over.addEventListener("mousedown", () => { this.axis.held = this; });
@@ -374,13 +342,12 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       for (const view of views) {
         const button = Object.assign(document.createElement("button"), { type: "button", textContent: view.name });
         button.addEventListener("click", () => axis.zoom(view.low, view.high));
-        axis.bars.push(() => button.setAttribute("aria-pressed", String(near(view))));
+        axis.bars.push(() => button.ariaPressed = String(near(view)));
         place.append(button);
       }
     }
     place.append(when);
     group.prepend(place);
-    group.append(Object.assign(document.createElement("p"), { className: "how", textContent: HOW }));
     if (spec.start != null) axis.now = [views[spec.start + 1].low, views[spec.start + 1].high];
   }
 
@@ -394,6 +361,8 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     });
     if (spec.views.length) bar(group, spec, axes.get(linked[0].link));
   }
+  const first = document.querySelector(".charts");
+  if (first) first.append(Object.assign(document.createElement("p"), { className: "how", textContent: HOW }));
   for (const axis of axes.values()) axis.draw();
 
   function redraw() { for (const chart of all) { chart.fit(); if (chart.u) chart.u.redraw(false, true); } }
