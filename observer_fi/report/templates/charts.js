@@ -7,8 +7,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   const PART = "Part of the log that is shown";
   const HOW = "Drag across a chart to zoom, double-click to see all of it again. With a chart chosen: arrows move, + and \u2212 " +
     "or the wheel zoom, 0 shows all. Fingers move and pinch. A line's name hides it.";
-  const PAPER = 700; // width of a chart in print, CSS pixels
-  const axes = new Map(), all = [];
+  const axes = new Map(), all = [], PAPER = 700; // CSS pixels of a chart in print
 
   // --- data ---
 
@@ -33,23 +32,17 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     return y[k];
   }
 
-  function powers(low, high) { // zero and a few powers of ten of either sign
-    const last = Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high), 1)));
-    const step = Math.max(1, Math.ceil(last / (low < -1 ? 3 : 4))), found = [0];
-    for (let k = step; k <= last; k += step) found.unshift(-(10 ** k)), found.push(10 ** k);
-    return found.filter(v => v >= low && v <= high);
-  }
-
-  function lettered(ctx) {
-    Object.assign(ctx, { font: FONT.replace("12px", 12 * devicePixelRatio + "px"), textAlign: "left", textBaseline: "alphabetic" });
-  }
-
-  function decades(low, high) { // powers of ten, with twos and fives where there are few of them
+  function decades(low, high, parts) { // some powers of ten and multiples of them, within positive limits
     const first = Math.floor(Math.log10(low)), last = Math.ceil(Math.log10(high)), found = [];
-    const parts = Math.log10(high / low) < 2.2 ? [1, 2, 5] : [1], step = Math.max(1, Math.ceil((last - first) / 6));
+    const step = Math.max(1, Math.ceil((last - first) / 4));
     for (let k = first; k <= last; k += step) for (const part of parts) found.push(part * 10 ** k);
     return found.filter(v => v >= low && v <= high);
   }
+
+  const gradations = { // where the lines of an axis that is not linear stand
+    log: (low, high) => decades(low, high, high < 160 * low ? [1, 2, 5] : [1]),
+    asinh: (low, high) => [...decades(10, -low, [1]).map(v => -v).reverse(), 0, ...decades(10, high, [1])],
+  };
 
   // --- one axis for the panels of a link ---
 
@@ -99,11 +92,10 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   class Chart {
     constructor(group, spec, place, x, first, last) {
       Object.assign(this, { group, spec, place, first, last, u: null, x, on: spec.series.map(s => s.shown) });
+      Object.assign(this, { plot: place.querySelector(".plot"), at: [] }); // at: of each series, its place among uPlot's
       this.axis = axisOf(spec.link || group.id + "-" + all.length);
       this.axis.cover(this.x, spec.series.some(s => s.points > 3) ? 0.02 : 0); // room for dots at the ends
       this.axis.charts.push(this);
-      this.plot = place.querySelector(".plot");
-      this.at = []; // of each series, its place among uPlot's
       this.legend();
       this.keys();
       new ResizeObserver(() => this.fit()).observe(this.plot);
@@ -118,15 +110,14 @@ One Axis a link: all panels that share the range of x, wherever on the page they
         line.style[series.width ? "borderTopColor" : "background"] = "var(--c" + series.colour + ")";
         if (series.dash.length) line.style.borderTopStyle = "dashed";
         button.append(line, series.name, value);
-        button.addEventListener("click", () => this.show(k, !this.on[k]));
+        button.addEventListener("click", () => {
+          this.on[k] = !this.on[k];
+          button.ariaPressed = String(this.on[k]);
+          if (this.u) for (const at of this.at[k]) this.u.setSeries(at, { show: this.on[k] });
+        });
         this.place.querySelector(".legend").append(button);
         return value;
       });
-    }
-    show(k, on) {
-      this.on[k] = on;
-      this.place.querySelectorAll(".legend button")[k].ariaPressed = String(on);
-      if (this.u) for (const at of this.at[k]) this.u.setSeries(at, { show: on });
     }
     fit() {
       const width = document.documentElement.classList.contains("paper") ? PAPER : this.plot.clientWidth;
@@ -174,11 +165,10 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       Object.assign(y, { log: { distr: 3 }, asinh: { distr: 4, asinh: 1 } }[spec.scale]);
       const across = { stroke: ink, font: FONT, labelFont: FONT, grid: line, ticks: line, size: last ? 28 : 6, gap: 4, space: 64 };
       if (!last) across.values = (u, at) => at.map(() => "");
-      if (last && spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
+      else if (spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
       if (spec.ticks.length) Object.assign(across, { splits: () => spec.ticks.map(t => t[0]), values: () => spec.ticks.map(t => t[1]), size: 44 });
       const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
-      if (spec.scale === "asinh") up.splits = (u, k, low, high) => powers(low, high);
-      if (spec.scale === "log") Object.assign(up, { splits: (u, k, low, high) => decades(low, high), filter: (u, at) => at });
+      if (gradations[spec.scale]) Object.assign(up, { splits: (u, k, low, high) => gradations[spec.scale](low, high), filter: (u, at) => at });
       this.plot.style.height = "";
       this.u = new uPlot({
         width: width, height: spec.height + (last ? 40 : 0), series: series, bands: bands, legend: { show: false },
@@ -190,10 +180,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
         },
         scales: { x: { time: false, auto: false, range: (u, low, high) => [low, high] }, y: y },
         axes: [across, up],
-        hooks: {
-          drawClear: [() => this.behind()], draw: [() => this.moments()], setCursor: [() => this.read()],
-          setSelect: [() => this.dragged()],
-        },
+        hooks: { drawClear: [() => this.behind()], draw: [() => this.moments()], setCursor: [() => this.read()], setSelect: [() => this.dragged()] },
       }, data, this.plot);
       spec.height = this.u.height;
       this.u.setScale("x", { min: this.axis.now[0], max: this.axis.now[1] });
@@ -205,11 +192,10 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     box() { const b = this.u.bbox; return [b.left, b.top, b.width, b.height]; }
     marks() { return [...(this.spec.link ? this.group.marks : []), ...this.spec.marks]; }
     clipped(paint) {
-      const ctx = this.u.ctx;
+      const ctx = this.u.ctx, box = new Path2D();
+      box.rect(...this.box());
       ctx.save();
-      ctx.beginPath();
-      ctx.rect(...this.box());
-      ctx.clip();
+      ctx.clip(box);
       paint(ctx, this.u);
       ctx.restore();
     }
@@ -230,43 +216,37 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     }
     moments() {
       const dpr = devicePixelRatio, [left, top, width, height] = this.box(), u = this.u;
+      const lines = this.marks().filter(mark => mark.at != null).map(mark => [u.valToPos(mark.at, "x", true), mark])
+        .filter(([x]) => x >= left - 1 && x <= left + width + 1).sort((a, b) => a[0] - b[0]);
       this.clipped(ctx => {
-        lettered(ctx);
         for (const level of this.spec.levels) if (level.to == null) {
           const y = u.valToPos(level.y, "y", true), above = y - 16 * dpr > top;
           this.line(ctx, left, y, left + width, y, this.css("--muted"), [4, 3]);
           this.word(ctx, level.name, left + 5 * dpr, y + (above ? -4 : 13) * dpr, this.css("--muted"));
         }
-        for (const mark of this.marks()) if (mark.at != null) {
-          const x = u.valToPos(mark.at, "x", true);
-          if (x >= left - 1 && x <= left + width + 1) this.line(ctx, x, top, x, top + height, this.css("--c" + mark.colour), [5, 3]);
-        }
+        for (const [x, mark] of lines) this.line(ctx, x, top, x, top + height, this.css("--c" + mark.colour), [5, 3]);
       });
-      this.names(u.ctx, left, top, width, dpr);
-    }
-    names(ctx, left, top, width, dpr) {
-      const own = this.first && this.spec.link ? this.marks() : this.spec.marks;
       let free = left;
-      ctx.save();
-      lettered(ctx);
-      for (const mark of own.filter(m => m.at != null && m.name).sort((a, b) => a.at - b.at)) {
-        const x = this.u.valToPos(mark.at, "x", true), wide = ctx.measureText(mark.name).width;
-        if (x < left - 1 || x > left + width + 1) continue;
-        const at = Math.max(Math.min(x - wide / 2, left + width - wide), free);
+      for (const [x, mark] of lines) if (this.spec.marks.includes(mark) || (this.first && this.spec.link)) {
+        const wide = this.word(u.ctx, mark.name, 0, 0, "transparent"), at = Math.max(Math.min(x - wide / 2, left + width - wide), free);
         if (at + wide > left + width + 1 || at - x > 40 * dpr) continue; // no room: its line and the text below tell it
-        this.word(ctx, mark.name, at, top - 5 * dpr, this.css("--c" + mark.colour));
+        this.word(u.ctx, mark.name, at, top - 5 * dpr, this.css("--c" + mark.colour));
         free = at + wide + 8 * dpr;
       }
-      ctx.restore();
     }
     line(ctx, x0, y0, x1, y1, colour, dash) {
       Object.assign(ctx, { strokeStyle: colour, lineWidth: 1.2 * devicePixelRatio });
       ctx.setLineDash(dash.map(d => d * devicePixelRatio));
       ctx.stroke(new Path2D("M" + x0 + " " + y0 + "L" + x1 + " " + y1));
     }
-    word(ctx, text, x, y, colour) {
-      ctx.fillStyle = colour;
+    word(ctx, text, x, y, colour) { // writes it, and says how wide it is
+      const font = FONT.replace("12px", 12 * devicePixelRatio + "px");
+      ctx.save();
+      Object.assign(ctx, { font: font, textAlign: "left", textBaseline: "alphabetic", fillStyle: colour });
       ctx.fillText(text, x, y);
+      const { width } = ctx.measureText(text);
+      ctx.restore();
+      return width;
     }
     read() {
       const u = this.u, k = u ? u.cursor.idx : null, inside = k != null && u.cursor.left >= 0;
@@ -281,8 +261,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
 
     dragged() {
       const u = this.u, { left, width } = u.select;
-      if (!width) return;
-      u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+      if (width) u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
       if (width > 4 && this.axis.held === this) this.axis.zoom(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
     }
     keys() {
@@ -326,25 +305,23 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   // --- the buttons above a group ---
 
   function bar(group, spec, axis) {
-    const place = document.createElement("div"), when = document.createElement("output"), [low, high] = axis.whole;
+    const [place, when, list] = ["div", "output", "select"].map(tag => document.createElement(tag)), [low, high] = axis.whole;
     const views = [{ name: "whole log", low: low, high: high }, ...spec.views].map(
       view => ({ name: view.name, low: Math.max(view.low, low), high: Math.min(view.high, high) }));
     const near = view => Math.abs(view.low - axis.now[0]) + Math.abs(view.high - axis.now[1]) < 1e-6 * (high - low);
     Object.assign(place, { className: "views", role: "group", ariaLabel: PART });
     when.className = "when";
     if (views.length > 9) {
-      const list = Object.assign(document.createElement("select"), { ariaLabel: PART });
+      list.ariaLabel = PART;
       list.append(new Option("a part of your own", ""), ...views.map((view, k) => new Option(view.name, k)));
       list.addEventListener("change", () => list.value && axis.zoom(views[list.value].low, views[list.value].high));
       axis.bars.push(() => { const k = views.findIndex(near); list.value = k < 0 ? "" : k; });
       place.append(list);
-    } else {
-      for (const view of views) {
-        const button = Object.assign(document.createElement("button"), { type: "button", textContent: view.name });
-        button.addEventListener("click", () => axis.zoom(view.low, view.high));
-        axis.bars.push(() => button.ariaPressed = String(near(view)));
-        place.append(button);
-      }
+    } else for (const view of views) {
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: view.name });
+      button.addEventListener("click", () => axis.zoom(view.low, view.high));
+      axis.bars.push(() => { button.ariaPressed = String(near(view)); });
+      place.append(button);
     }
     place.append(when);
     group.prepend(place);
@@ -352,9 +329,8 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   }
 
   for (const group of document.querySelectorAll(".charts")) {
-    const data = group.querySelector('script[type="application/json"]'), spec = JSON.parse(data.textContent);
+    const spec = JSON.parse(group.querySelector('script[type="application/json"]').textContent), xs = spec.x.map(unpacked);
     const places = group.querySelectorAll(".panel"), linked = spec.panels.filter(p => p.link);
-    const xs = spec.x.map(unpacked);
     group.marks = spec.marks;
     spec.panels.forEach((panel, k) => {
       all.push(new Chart(group, panel, places[k], xs[panel.x], panel === linked[0], panel === linked[linked.length - 1]));
@@ -369,7 +345,5 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   function paper(on) { document.documentElement.classList.toggle("paper", on); redraw(); }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   matchMedia("print").addEventListener("change", event => paper(event.matches));
-  addEventListener("beforeprint", () => paper(true));
-  addEventListener("afterprint", () => paper(false));
   window.observerFiCharts = { axes: axes, charts: all }; // for tests
 })();
