@@ -280,7 +280,11 @@ class Traces:
     t (k,); z (k, 3); w (k,) measured speed of equation 16; w_cmd, pitch (k,); probability (k, m); predicted (k, m, 3) and
     w_predicted (k, m) one step ahead; norm (k, m) the residual norm of equation 19; normalised (k, 3) innovations of the
     winner; mixture_t (q,), mixture_norm (q, 3) and mixture_predicted (q, 3, 3) of the open-loop mixture's nominal, overload
-    and coupling loss from its start on (empty where it did not run).
+    and coupling loss from its start on (empty where it did not run). evidence (k, m): how much more or less likely each
+    hypothesis made the samples since the onset of the fault, or since a healthy move began, than the best one of each
+    sample did [nats], NaN where there is no move; spared (k, m, 3): minus half the squared residuals of voltage, current and
+    position over their noise, summed likewise; posterior (k, 7): the
+    probabilities of the contract's labels as the verdicts leave them, where tests of a whole move may overrule the bank.
     """
 
     t: Array
@@ -296,6 +300,9 @@ class Traces:
     mixture_t: Array
     mixture_norm: Array
     mixture_predicted: Array
+    evidence: Array
+    spared: Array
+    posterior: Array
 
 
 @dataclass(frozen=True)
@@ -304,7 +311,8 @@ class Outcome:
 
     log: the log without its samples (t, z, w_cmd and pitch are empty; everything else is kept); samples, rate_hz and
     duration_s of the whole log; acquisition, warnings: what its logger does, and what that hides; modes: the m hypotheses in
-    the order of the traces. overview and zoom: see Traces.
+    the order of the traces. overview: the whole log, decimated, with every sample near the moments that matter; zoom: those
+    around the verdict's onset.
     """
 
     name: str

@@ -4,7 +4,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.report import diagnosis
-from observer_fi.report.chart import Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.diagnosis_figures import MEASURED
 from observer_fi.report.markdown import markdown_table
@@ -86,7 +85,6 @@ __all__ = [
     "json_text",
     "markdown_table",
     "ours",
-    "padded",
     "page",
     "simulate",
     "still_files",

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from observer_fi.physics import NOT_TESTED, OPEN_LOOP, colour_of, words_of
-from observer_fi.report.chart import MUTED, Figure, Panel
+from observer_fi.records import Array
 from observer_fi.report.diagnosis import NAMES, environment, versions
+from observer_fi.report.interactive import INK, MUTED, Charts, Panel, Series
 
 JUDGES = {"bank": "Observer bank", "mixture": "Open-loop mixture"}
 FAULTS = OPEN_LOOP[1:]
@@ -40,45 +41,52 @@ def page(result: dict[str, Any]) -> str:
             faults=FAULTS,
             names={label: name for label, name in NAMES.items() if label != NOT_TESTED},  # all have moves
             ms=milliseconds,
-            figure=delay_figure(result["cases"]),
+            delays=delay_charts(result["cases"]),
             wrong=[c for c in result["cases"] if any(c[j]["verdict"] != c["label"] for j in JUDGES)],
             versions=versions(),
         )
     )
 
 
-def delay_figure(cases: list[dict[str, Any]]) -> str:
-    """Every delay as a dot, by fault, phase and judge, on a logarithmic scale."""
-    figure = Figure("delays", 1040.0, 330.0, "Time from the onset to the isolation")
+def delay_charts(cases: list[dict[str, Any]]) -> Charts:
+    """Every delay as a dot, by fault, phase and judge, on a logarithmic scale, and the medians."""
     groups = sorted({case["group"] for case in cases}, reverse=True)
-    for column, fault in enumerate(FAULTS):
-        left = 60.0 + column * 500.0
-        figure.text(left, 22.0, words_of(fault).capitalize(), weight=650, size=14)
-        panel = figure.panel(left, 60.0, 440.0, 210.0, (0.0, 2.0 * len(groups)), (0.5, 3000.0), log=True)
-        panel.frame(y_label="onset to isolation [ms]", x_ticks=False)
-        for g, group in enumerate(groups):
-            figure.text(left + 440.0 * g / len(groups) + 30.0, 305.0, group, MUTED)
-            for j, judge in enumerate(JUDGES):
-                delays = [c[judge]["delay_s"] for c in cases if c["label"] == fault and c["group"] == group]
-                _strip(panel, 2.0 * g + j + 0.5, np.array(delays, dtype=float), fault, judge)
-    return figure.svg()
+    strips = [(group, judge) for group in groups for judge in JUDGES]
+    panels = []
+    for fault in FAULTS:
+        columns = [_delays(cases, fault, group, judge) for group, judge in strips]
+        places = np.concatenate([_beside(k, y.size) for k, y in enumerate(columns)] or [np.empty(0)])
+        medians = [float(np.median(y)) if y.size else np.nan for y in columns]
+        x = np.concatenate((places, np.arange(len(strips)) + 0.5)) if strips else places
+        order = np.argsort(x, kind="stable")
+        lines = []
+        for judge, name in JUDGES.items():
+            own = [
+                y if strip[1] == judge else np.full(y.size, np.nan)
+                for strip, y in zip(strips, columns, strict=True)
+            ]
+            y = np.concatenate((*own, np.full(len(strips), np.nan)))
+            lines.append(
+                Series(name, y[order], colour_of(fault) if judge == "bank" else MUTED, 0.0, points=5.0)
+            )
+        y = np.concatenate((np.full(places.size, np.nan), medians))
+        lines.append(Series("median", y[order], INK, 0.0, points=11.0))
+        ticks = tuple((k + 0.5, f"{judge}\n{group.split()[0]}") for k, (group, judge) in enumerate(strips))
+        about = f"Time from the onset to the isolation of {words_of(fault)} in ms, a dot a log, by judge and phase."
+        title = f"{words_of(fault).capitalize()}: onset to isolation"
+        panels.append(
+            Panel(title, "ms", x[order], tuple(lines), about, "", scale="log", height=230, ticks=ticks)
+        )
+    return Charts("delays", tuple(panels))
 
 
-def _strip(panel: Panel, x: float, delays: np.ndarray, fault: str, judge: str) -> None:
-    """A column of dots and its median."""
-    left = float(panel.at_x(np.array(x - 0.35)))
-    panel.notes.append(f'<text x="{left:.1f}" y="286" fill="{MUTED}">{judge}</text>')
-    y = np.sort(1e3 * delays[np.isfinite(delays)])
-    if not y.size:
-        return
-    colour = colour_of(fault) if judge == "bank" else "#8a929b"
-    side = 0.3 * np.linspace(-1.0, 1.0, y.size)[np.argsort(np.arange(y.size) * 0.618 % 1.0)]
-    panel.points(x + side, np.maximum(y, 0.6), colour, 5.0, 0.55)
-    median = float(np.median(y))
-    panel.line(np.array([x - 0.38, x + 0.38]), np.array([median, median]), "#1b1f24", 2.0)
-    height = float(panel.at_y(np.array(max(median, 0.6))))
-    middle = float(panel.at_x(np.array(x)))
-    panel.notes.append(
-        f'<text x="{middle:.1f}" y="{height - 9:.1f}" font-weight="600" text-anchor="middle" '
-        f'stroke="#fff" stroke-width="3" paint-order="stroke">{milliseconds(median / 1e3)}</text>'
-    )
+def _delays(cases: list[dict[str, Any]], fault: str, group: str, judge: str) -> Array:
+    """Times to the isolation [ms], in order, at least half a sample."""
+    found = [c[judge]["delay_s"] for c in cases if c["label"] == fault and c["group"] == group]
+    y = np.sort(1e3 * np.array(found, dtype=np.float64))
+    return np.maximum(y[np.isfinite(y)], 0.6)
+
+
+def _beside(place: int, count: int) -> Array:
+    """Places of a column of dots, spread sideways so that each can be seen."""
+    return place + 0.5 + 0.3 * np.linspace(-1.0, 1.0, count)[np.argsort(np.arange(count) * 0.618 % 1.0)]

@@ -24,6 +24,7 @@ from observer_fi.physics import (
 )
 from observer_fi.records import Event, Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
+from observer_fi.report.interactive import library
 from observer_fi.report.result_folder import Made, write_result
 
 SCHEMA = "observer-fi/report/1"
@@ -159,18 +160,13 @@ def percent(p: float | None) -> str:
 
 def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
     """Everything that one report consists of, {file name: text}."""
-    drawn = figures.draw(outcome, rig)
-    return {
-        "report.json": json_text(report_dict(outcome)),
-        "report.html": page(outcome, rig, drawn),
-        **{f"{name}.svg": svg for name, svg in drawn.items()},
-    }
+    return {"report.json": json_text(report_dict(outcome)), "report.html": page(outcome, rig)}
 
 
 def write(
     outcome: Outcome, rig: Rig, folder: Path, still: Mapping[str, bytes] = MappingProxyType({})
 ) -> Path:
-    """report.json, report.html and the figures into `folder`, or into one with a number where that is another log's;
+    """report.json and report.html into `folder`, or into one with a number where that is another log's;
     returns the folder. still: figures that were asked for beside them, {file name: content}. Raises UsageError.
     """
     _, log = _complete(outcome)
@@ -178,7 +174,7 @@ def write(
     return write_result(folder.parent, folder.name, made, {**files(outcome, rig), **still})
 
 
-def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
+def page(outcome: Outcome, rig: Rig) -> str:
     """report.html: one file, no network, the same bytes for the same inputs."""
     isolation, log = _complete(outcome)
     return (
@@ -192,7 +188,7 @@ def page(outcome: Outcome, rig: Rig, drawn: dict[str, str]) -> str:
             mixture=_open_loop(outcome),
             names=NAMES,
             colour=colour_of(isolation.verdict.label, isolation.verdict.channel),
-            figures=drawn,
+            drawn=figures.draw(outcome),
             captions=figures.captions(outcome),
             doubts=doubts(outcome),
             sensitivity=sensitivity(isolation),
@@ -219,6 +215,7 @@ def environment() -> Any:
         undefined=jinja2.StrictUndefined,
     )
     env.filters |= {"seconds": seconds, "percent": percent, "number": number}
+    env.globals["uplot"] = library
     return env
 
 

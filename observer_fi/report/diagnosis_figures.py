@@ -1,18 +1,21 @@
-"""The figures of a report, from Traces to SVG: what was measured, what was predicted, and how far apart."""
+"""The charts of a diagnosis, from Traces to panels: what was measured and predicted, what the verdict holds for how likely,
+what told for it, and how well the winner fits.
+"""
 
 import numpy as np
 
-from observer_fi.physics import NOMINAL, OPEN_LOOP, Rig, colour_of, mode_of, words_of
-from observer_fi.physics import paper_residuals as residual
-from observer_fi.records import Array, Event, Outcome, Traces
-from observer_fi.report.chart import INK, MUTED, Figure, Panel, padded
+from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, OPEN_LOOP, colour_of, mode_of, words_of
+from observer_fi.records import Array, Event, Isolation, Outcome, Traces
+from observer_fi.report.interactive import INK, MUTED, TIME, Charts, Level, Mark, Panel, Series, View
 
-WIDTH, LEFT, RIGHT, GAP = 1040.0, 46.0, 104.0, 150.0
-ROW, SPACE, TOP = 118.0, 34.0, 64.0
-DOTS = 2500  # innovations drawn a channel
 MEASURED = "#3d444c"
-ONSET = "#f0b429"
+ONSET = "#8a6100"
+EVER = 0.02  # a hypothesis that was never likelier is not drawn
+RIVALS = 3  # whose evidence is drawn from the start; the others' lines are a click away
+BEFORE_S, AFTER_S, PAST_S = 0.03, 0.12, 0.03  # shown before an onset, after it, and after the isolation
+MOST_VIEWS = 40
 
+BY_CHANNEL = (("voltage", "#8a6100"), ("current", "#0b62b0"), ("position", "#7a3b9a"))
 # name, unit, factor from SI, narrowest range shown
 CHANNELS = (
     ("Voltage", "V", 1.0, 0.05),
@@ -22,320 +25,217 @@ CHANNELS = (
 )
 
 
-def draw(outcome: Outcome, rig: Rig) -> dict[str, str]:
-    """All figures of an outcome, {name: SVG}, in the order in which a report shows them."""
-    if (
-        outcome.zoom is None
-        or outcome.overview is None
-        or outcome.isolation is None
-        or outcome.zoom.t.size < 2
-    ):
+def draw(outcome: Outcome) -> dict[str, Charts]:
+    """All charts of an outcome by name; none where there is no verdict to show."""
+    isolation, traces = outcome.isolation, outcome.overview
+    if isolation is None or traces is None or isolation.verdict.label == NOT_TESTED or traces.t.size < 2:
         return {}
-    verdict = outcome.isolation.verdict
-    shown = _drawn_modes(outcome)
-    return {
-        "signals": signals(outcome.zoom, outcome.modes, shown, verdict, rig.model.vector),
-        "residuals": residuals(outcome.overview, outcome.zoom, outcome.modes, shown, verdict),
-        "posterior": posterior(outcome.zoom, outcome.modes, verdict),
-        "overview": overview(outcome.overview, outcome.modes, verdict, outcome.isolation.events),
-        "consistency": consistency(outcome.overview),
-    }
+    panels = (*signals(traces, outcome.modes, isolation), posterior(traces, isolation),
+              evidence(traces, outcome.modes, isolation.verdict), *by_channel(traces, outcome.modes, isolation.verdict),
+              *innovations(traces))  # fmt: skip
+    kept = views(isolation)
+    start = 0 if isolation.verdict.label != NOMINAL and kept else None
+    drawn = {"log": Charts("log", panels, marks(isolation), kept, start)}
+    if traces.mixture_t.size > 1:
+        drawn["norms"] = Charts("norms", norms(traces, outcome.modes), marks(isolation))
+    return drawn
+
+
+def signals(traces: Traces, modes: tuple[str, ...], isolation: Isolation) -> list[Panel]:
+    """Measured voltage, current, position and speed, with what the winner and the healthy model predict a sample ahead."""
+    measured = [traces.z[:, 0], traces.z[:, 1], traces.z[:, 2], traces.w]
+    predicted = [*(traces.predicted[:, :, c] for c in range(3)), traces.w_predicted]
+    mode = mode_of(isolation.verdict.label, isolation.verdict.channel)
+    drawn = [name for name in dict.fromkeys((mode, NOMINAL)) if name in modes]
+    panels = []
+    for r, (name, unit, factor, least) in enumerate(CHANNELS):
+        lines = [Series("measured", factor * measured[r], MEASURED, 1.2)]
+        for model, dash in zip(drawn, ((), (5, 3)), strict=False):
+            y = factor * predicted[r][:, modes.index(model)]
+            lines.append(Series(f"{words_of(model)}, predicted", y, colour_of(model), 1.4, dash))
+        if r == 3:
+            lines.append(Series("commanded", traces.w_cmd, MUTED, 1.2, (2, 3)))
+        about = f"{name} over time: measured, and what {words_of(drawn[0])} predicts one sample ahead."
+        panels.append(Panel(name, unit, traces.t, tuple(lines), about, link=TIME, least=least))
+    return panels
+
+
+def posterior(traces: Traces, isolation: Isolation) -> Panel:
+    """Probability of every label that was ever likelier than one in fifty, as the verdicts have it."""
+    channels = {event.label: event.channel for event in reversed((isolation.verdict, *isolation.events))}
+    lines = [
+        Series(_words(label, channels.get(label)), traces.posterior[:, k], colour_of(label, channels.get(label)), 2.0,
+               two_bytes=True)
+        for k, label in enumerate(LABELS)
+        if traces.posterior[:, k].max() > EVER
+    ]  # fmt: skip
+    lines += [_whole_move(traces.t, event) for event in isolation.events if _told_afterwards(event)]
+    last = LABELS[int(traces.posterior[-1].argmax())]
+    about = f"Probability of each verdict over time; at the end of the log {_words(last)} is the likeliest."
+    title = "Probability (dashed: 0.95, isolated)"
+    return Panel(
+        title, "", traces.t, tuple(lines), about, link=TIME, limits=(-0.03, 1.03), levels=(Level(0.95),)
+    )
+
+
+def _told_afterwards(event: Event) -> bool:
+    """Whether a fault was told by the whole move only, after it had ended."""
+    return event.label != NOMINAL and event.isolated_s is None
+
+
+def _whole_move(t: Array, event: Event) -> Series:
+    """What the whole move says of the time since the onset: a line beside those of the bank, which ran at that time."""
+    begin = event.start_s if event.onset_s is None else event.onset_s
+    y = np.where((t >= begin) & (t <= event.end_s), event.probability, np.nan)
+    name = f"{_words(event.label, event.channel)}, by the whole move"
+    return Series(name, y, colour_of(event.label, event.channel), 3.0, (8, 5), two_bytes=True)
+
+
+def evidence(traces: Traces, modes: tuple[str, ...], verdict: Event) -> Panel:
+    """By how many powers of ten the samples since the onset are likelier under the winner than under each rival.
+
+    A verdict that is none of the bank's, told by the whole move, has no such curve: the bank's own stand against no fault.
+    """
+    mode = mode_of(verdict.label, verdict.channel)
+    ours, winner = mode in modes, modes.index(mode if mode in modes else NOMINAL)
+    odds = (traces.evidence[:, [winner]] - traces.evidence) / np.log(10.0) * (1.0 if ours else -1.0)
+    known = verdict.end_s if verdict.isolated_s is None else verdict.isolated_s
+    row = np.abs(odds[max(int(np.searchsorted(traces.t, known, "right")) - 1, 0)])
+    order = [j for j in np.argsort(row, kind="stable").tolist() if j != winner]
+    against = "against {}" if ours else "{} against no fault"
+    lines = tuple(
+        Series(against.format(words_of(modes[j])), odds[:, j], colour_of(modes[j]), 1.6, shown=k < RIVALS)
+        for k, j in enumerate(order)
+    )
+    since = "since the onset" if verdict.onset_s is not None else "since the move began"
+    what = f"for {words_of(mode)}" if ours else f"in the bank, which has no model of {_words(verdict.label)},"
+    about = f"Evidence {what} {since}, over time, in powers of ten of the odds."
+    return Panel(f"Evidence {what} {since}", "powers of ten", traces.t, lines, about, link=TIME, least=2.0,
+                 scale="asinh", levels=(Level(0.0),))  # fmt: skip
+
+
+def by_channel(traces: Traces, modes: tuple[str, ...], verdict: Event) -> list[Panel]:
+    """Which channel told a fault of the plant: what the winner leaves of it less than the healthy model does.
+
+    A failed channel is judged by other rules than its residual, so a verdict on a sensor has no such picture.
+    """
+    mode = mode_of(verdict.label, verdict.channel)
+    if mode not in OPEN_LOOP or mode == NOMINAL or mode not in modes:
+        return []
+    told = (traces.spared[:, modes.index(mode)] - traces.spared[:, modes.index(NOMINAL)]) / np.log(10.0)
+    lines = tuple(
+        Series(name, told[:, c], colour, 1.6)
+        for c, (name, colour) in enumerate(BY_CHANNEL)
+        if np.isfinite(traces.z[:, c]).any()
+    )
+    title = f"Which channel tells {words_of(mode)} from no fault"
+    about = f"{title}: squared residuals over the noise that it spares since the onset, in powers of ten of the odds."
+    return [Panel(title, "powers of ten", traces.t, lines, about, link=TIME, least=2.0, scale="asinh",
+                  levels=(Level(0.0),), height=110)]  # fmt: skip
+
+
+def innovations(traces: Traces) -> list[Panel]:
+    """What the winner of each sample did not foresee, over its standard deviation."""
+    panels = []
+    for c, name in enumerate(("voltage", "current", "position")):
+        y = np.clip(traces.normalised[:, c], -6.0, 6.0)
+        if not np.isfinite(y).any():
+            continue
+        about = f"Innovations of the {name} in standard deviations; where the model fits, 95 % lie within the grey band."
+        dots = (Series("innovation", y, MEASURED, 0.0, points=2.0, two_bytes=True),)
+        panels.append(
+            Panel(f"Surprise in the {name}", "standard deviations", traces.t, dots, about, link=TIME,
+                  limits=(-6.3, 6.3), levels=(Level(-1.96, to=1.96),), height=90)
+        )  # fmt: skip
+    return panels
+
+
+def norms(traces: Traces, modes: tuple[str, ...]) -> tuple[Panel, ...]:
+    """Residual norms of equation 19 of the paper's three models: in the bank, and run open loop from the detection on."""
+    shown = [(j, mode) for j, mode in enumerate(modes) if mode in OPEN_LOOP]
+    bank = [
+        Series(words_of(m), _positive(traces.norm[:, j]), colour_of(m), 0.0, points=2.5) for j, m in shown
+    ]
+    mixture = [
+        Series(words_of(mode), _positive(traces.mixture_norm[:, j]), colour_of(mode), 1.6)
+        for j, mode in enumerate(OPEN_LOOP)
+    ]
+    about = (
+        "Norm of the residuals in current, position and speed of {}; the smallest is the best explanation."
+    )
+    return (
+        Panel("Observer bank: residual norm", "", traces.t, tuple(bank), about.format("the bank's models"),
+              link=TIME, scale="log", levels=(Level(3.0**0.5, "√3: noise"),), height=150),
+        Panel("Open-loop mixture: residual norm", "", traces.mixture_t, tuple(mixture),
+              about.format("the models run open loop"), link=TIME, scale="log", height=150),
+    )  # fmt: skip
+
+
+def marks(isolation: Isolation) -> tuple[Mark, ...]:
+    """Onset with its interval, isolation and end of every fault, and the end of a move that told it only then."""
+    found = []
+    for event in (one for move in isolation.events for one in (move, *move.then) if one.label != NOMINAL):
+        colour = colour_of(event.label, event.channel)
+        low, high = event.onset_interval_s
+        if event.onset_s is not None:
+            found.append(Mark(event.onset_s, "onset", ONSET, low, high))
+        if event.isolated_s is not None:
+            found.append(Mark(event.isolated_s, "isolated", INK))
+        else:
+            found.append(Mark(event.end_s, "judged by the whole move", INK))
+        if event.over_s is not None:
+            found.append(Mark(event.over_s, "over", colour))
+    return tuple(found)
+
+
+def views(isolation: Isolation) -> tuple[View, ...]:
+    """What the buttons lead to: each fault from before its onset to past its isolation, and its end; else the first start."""
+    found = []
+    for event in isolation.events:
+        if event.label == NOMINAL:
+            continue
+        name, at = _words(event.label, event.channel), event.onset_s
+        if at is not None:
+            low = min(at, at if event.onset_interval_s[0] is None else event.onset_interval_s[0])
+            known = event.end_s if event.isolated_s is None else event.isolated_s
+            found.append(View(f"{name}, {at:.3f} s", low - BEFORE_S, max(at + AFTER_S, known + PAST_S)))
+            if known > at + 2.0 * AFTER_S:
+                found.append(View(f"its first {1e3 * AFTER_S:.0f} ms", at - BEFORE_S, at + AFTER_S))
+        else:
+            found.append(View(name, event.start_s - BEFORE_S, event.end_s + PAST_S))
+        if event.over_s is not None:
+            found.append(View(f"its end, {event.over_s:.3f} s", event.over_s - 0.1, event.over_s + 0.1))
+    if not found and isolation.events:
+        at = isolation.events[0].start_s
+        found.append(View(f"start of the first move, {at:.3f} s", at - 0.05, at + 0.15))
+    return tuple(found[:MOST_VIEWS])
 
 
 def captions(outcome: Outcome) -> dict[str, str]:
-    """What each figure shows, {name: sentences}."""
-    healthy = outcome.isolation is None or outcome.isolation.verdict.label == NOMINAL
-    beside = outcome.zoom is not None and outcome.zoom.mixture_t.size > 1
-    where = "at the start of the move" if healthy else "around the onset"
+    """What each group of charts shows, {name: sentences}."""
     found = {
-        "signals": f"Every sample {where} (dark: measured), and what each observer of the bank predicted one "
-        "sample ahead. The data correct all of them, so they stay close; small differences add up to "
-        "the verdict.",
-        "residuals": "Norm of the residuals in current, position and speed (equation 19), with its "
-        "running root "
-        "mean square in bold: the smallest belongs to the best explanation. The bank's residuals are "
-        "scaled by "
-        "the noise of the sensors.",
-        "posterior": "Probability of each hypothesis. A verdict counts as isolated when it stays above 0.95 "
-        "(dashed).",
-        "overview": "The whole log (dark: measured, extremes kept where samples are too many to draw), "
-        "with what "
-        "the winning observer predicted one sample ahead, in its colour, and the probabilities below.",
-        "consistency": "Innovations of the winning observer over their standard deviations. If the "
-        "model fits, "
-        "95 % lie within the grey band and they show no pattern.",
+        "log": "Dark: measured; in colour what a model predicted one sample ahead. The data correct the models all the time, so "
+        "they stay close; small differences add up to the evidence below. Evidence: by how many powers of ten the samples "
+        "since the onset are likelier under the verdict than under a rival, on a scale that is logarithmic beyond one; "
+        "which channel tells it is seen in the residuals that the verdict spares, each over its noise. Surprise: "
+        "what the best model of each moment did not foresee; if it fits, 95 % of the dots lie in the grey band and show no "
+        "pattern. Where samples are too many, extremes are kept; around every fault each one is there.",
+        "norms": "Norm of the residuals in current, position and speed (equation 19). The mixture's models run open loop "
+        "from the detection on: they never look at the data again, so they drift apart. Its norms are scaled by its constant "
+        "standard deviations, the bank's by the noise of the sensors: the two have scales of their own.",
     }
-    if beside:
-        found["signals"] += (
-            " Right, the paper's models run open loop from the detection on: they never look at the "
-            "data again, "
-            "so they drift apart."
+    verdict = None if outcome.isolation is None else outcome.isolation.verdict
+    if verdict is not None and verdict.label != NOMINAL and verdict.isolated_s is None:
+        found["log"] += (
+            " No hypothesis was certain while the move ran: the thick dashed probability is what the whole move says."
         )
-        found["residuals"] += (
-            " The mixture's are scaled by its constant standard deviations, so the two sides have scales of "
-            "their own."
-        )
-        found["posterior"] += " The mixture's comes from its residual norms: Gaussians of equal weight."
     return found
 
 
-def _drawn_modes(outcome: Outcome) -> tuple[int, ...]:
-    """The three models of the paper, and the winner where it is another."""
-    assert outcome.isolation is not None
-    verdict = outcome.isolation.verdict
-    names = dict.fromkeys((*OPEN_LOOP, mode_of(verdict.label, verdict.channel)))
-    return tuple(outcome.modes.index(name) for name in names if name in outcome.modes)
+def _positive(y: Array) -> Array:
+    return np.where(y > 0.0, y, np.nan)
 
 
-def signals(traces: Traces, modes: tuple[str, ...], shown: tuple[int, ...], verdict: Event, p: Array) -> str:
-    """Voltage, current, position and speed around the onset: the bank's predictions and the mixture's."""
-    span = _span(traces.t)
-    there = (traces.mixture_t >= span[0]) & (traces.mixture_t <= span[1])
-    two = bool(there.sum() > 1)
-    figure = _sheet("signals", 4, "Measured signals and predictions around the onset")
-    boxes = _columns(2 if two else 1)
-    measured = _measured(traces)
-    predicted = _predicted(traces)
-    mixture = traces.mixture_predicted[there]
-    drifting = [*(mixture[:, :, c] for c in range(3)), residual.speed(mixture, p)]
-    _heads(figure, boxes, ("Observer bank: one sample ahead", "Open-loop mixture: from the detection on"))
-    for row, (name, unit, factor, least) in enumerate(CHANNELS):
-        y = factor * measured[row]
-        top = TOP + row * (ROW + SPACE)
-        limits = _limits(y, factor * predicted[row][:, list(shown)], least)
-        for column, (left, width) in enumerate(boxes):
-            panel = figure.panel(left, top, width, ROW, span, limits)
-            panel.frame("time [s]" if row == 3 else "", f"{name} [{unit}]", x_ticks=row == 3)
-            _events(panel, verdict, words=row == 0)
-            panel.line(traces.t, y, MEASURED, 0.8, opacity=0.55)
-            if column == 0:
-                _hypotheses(panel, traces.t, factor * predicted[row], modes, shown)
-            else:
-                _mixture(panel, traces.mixture_t[there], factor * drifting[row])
-    return figure.svg()
-
-
-def _mixture(panel: Panel, t: Array, curves: Array) -> None:
-    labels = []
-    for j, mode in enumerate(OPEN_LOOP):
-        panel.line(t, curves[:, j], colour_of(mode), 1.8)
-        labels.append((_last(curves[:, j]), words_of(mode), colour_of(mode)))
-    panel.end_labels(labels)
-
-
-def _hypotheses(
-    panel: Panel, t: Array, curves: Array, modes: tuple[str, ...], shown: tuple[int, ...]
-) -> None:
-    labels = []
-    for j in shown:
-        colour = colour_of(modes[j])
-        panel.line(t, curves[:, j], colour, 1.1, opacity=0.9)
-        labels.append((_last(curves[:, j]), words_of(modes[j]), colour))
-    panel.end_labels(labels)
-
-
-def residuals(
-    whole: Traces, zoom: Traces, modes: tuple[str, ...], shown: tuple[int, ...], verdict: Event
-) -> str:
-    """Residual norms against time on a logarithmic scale: bank and mixture side by side."""
-    two = whole.mixture_t.size > 1
-    traces, span = zoom, _span(zoom.t)
-    if two:
-        start, stop = float(whole.mixture_t[0]), float(whole.mixture_t[-1])
-        wide = (start - 0.1 * (stop - start), stop)
-        if np.count_nonzero((whole.t >= wide[0]) & (whole.t <= wide[1])) > 300:
-            traces, span = whole, wide
-    figure = _sheet("residuals", 1, "Residual norm of each model", row=190.0)
-    boxes = _columns(2 if two else 1)
-    _heads(figure, boxes, ("Observer bank", "Open-loop mixture"))
-    here = (traces.t >= span[0]) & (traces.t <= span[1])
-    bank = figure.panel(
-        boxes[0][0], TOP, boxes[0][1], 190.0, span, _decades(traces.norm[here][:, list(shown)]), True
-    )
-    names = [modes[j] for j in shown]
-    _norms(bank, traces.t[here], traces.norm[here][:, list(shown)], names, verdict, noise=3.0**0.5)
-    if two:
-        there = (whole.mixture_t >= span[0]) & (whole.mixture_t <= span[1])
-        if there.sum() < 2:  # a long log, whose drawn samples lie elsewhere
-            there, span = np.ones(whole.mixture_t.size, dtype=np.bool_), _span(whole.mixture_t)
-        norm = whole.mixture_norm[there]
-        panel = figure.panel(boxes[1][0], TOP, boxes[1][1], 190.0, span, _decades(norm), True)
-        _norms(panel, whole.mixture_t[there], norm, list(OPEN_LOOP), verdict)
-    return figure.svg()
-
-
-def _norms(
-    panel: Panel, t: Array, norm: Array, names: list[str], verdict: Event, noise: float | None = None
-) -> None:
-    panel.frame("time [s]", "residual norm")
-    _events(panel, verdict)
-    labels = []
-    for j, mode in enumerate(names):
-        panel.line(t, norm[:, j], colour_of(mode), 0.5, opacity=0.14)
-    for j, mode in enumerate(names):
-        smooth = _running_rms(norm[:, j], max(5, t.size // 60))
-        panel.line(t, smooth, colour_of(mode), 2.0)
-        labels.append((_last(smooth), words_of(mode), colour_of(mode)))
-    if noise is not None:
-        panel.level(noise)
-        labels.append((noise, "√3: noise", MUTED))
-    panel.end_labels(labels)
-
-
-def posterior(traces: Traces, modes: tuple[str, ...], verdict: Event) -> str:
-    """Probability of each hypothesis around the onset: the bank's, and the mixture's beside it."""
-    span = _span(traces.t)
-    there = (traces.mixture_t >= span[0]) & (traces.mixture_t <= span[1])
-    two = bool(there.sum() > 1)
-    figure = _sheet("posterior", 1, "Probability of each hypothesis against time", row=150.0)
-    boxes = _columns(2 if two else 1)
-    _heads(figure, boxes, ("Observer bank", "Open-loop mixture"))
-    bank = figure.panel(boxes[0][0], TOP, boxes[0][1], 150.0, span, (-0.03, 1.03))
-    bank.frame("time [s]", "probability")
-    _events(bank, verdict, words=True)
-    _probabilities(bank, traces.t, traces.probability, modes)
-    if two:
-        # Gaussians of equal weight: the residual norm says it all (mixture.py)
-        squared = traces.mixture_norm[there] ** 2
-        likelihood = np.exp(-0.5 * (squared - squared.min(axis=1, keepdims=True)))
-        panel = figure.panel(boxes[1][0], TOP, boxes[1][1], 150.0, span, (-0.03, 1.03))
-        panel.frame("time [s]", "probability")
-        _events(panel, verdict)
-        _probabilities(
-            panel, traces.mixture_t[there], likelihood / likelihood.sum(axis=1, keepdims=True), OPEN_LOOP
-        )
-    return figure.svg()
-
-
-def _probabilities(panel: Panel, t: Array, probability: Array, modes: tuple[str, ...]) -> None:
-    """Lines of the hypotheses that were ever likelier than one in fifty, and the level of isolation."""
-    panel.level(0.95)
-    labels = []
-    for j, mode in enumerate(modes):
-        p = probability[:, j]
-        if np.nanmax(p) > 0.02:
-            panel.line(t, p, colour_of(mode), 1.8)
-            labels.append((_last(p), words_of(mode), colour_of(mode)))
-    panel.end_labels(labels)
-
-
-def overview(traces: Traces, modes: tuple[str, ...], verdict: Event, events: tuple[Event, ...]) -> str:
-    """The whole log: signals with the winner's prediction, and probabilities."""
-    row = 88.0
-    figure = _sheet("overview", 5, "The whole log", row=row, top=30.0)
-    left, width = _columns(1)[0]
-    span = _span(traces.t)
-    winner = traces.probability.argmax(axis=1)
-    k = np.arange(traces.t.size)
-    measured, predicted = _measured(traces), _predicted(traces)
-    for r, (name, unit, factor, least) in enumerate(CHANNELS):
-        y, model = factor * measured[r], factor * predicted[r][k, winner]
-        panel = figure.panel(left, 30.0 + r * (row + SPACE), width, row, span, padded(y, least=least))
-        panel.frame("", f"{name} [{unit}]", x_ticks=False)
-        for event in events:
-            if event.label != NOMINAL and event.onset_s is not None:
-                panel.band(event.onset_s, event.end_s, colour_of(event.label, event.channel), 0.10)
-        panel.line(traces.t, y, MEASURED, 1.0, opacity=0.8)
-        for j in np.unique(winner):
-            panel.line(traces.t, np.where(winner == j, model, np.nan), colour_of(modes[j]), 0.9)
-        if r == 3:
-            panel.line(traces.t, traces.w_cmd, MUTED, 1.0, "3 3")
-            panel.end_labels([(_last(traces.w_cmd), "command", MUTED)])
-        _events(panel, verdict, words=r == 0)
-    panel = figure.panel(left, 30.0 + 4 * (row + SPACE), width, row, span, (-0.03, 1.03))
-    panel.frame("time [s]", "probability")
-    _probabilities(panel, traces.t, traces.probability, modes)
-    return figure.svg()
-
-
-def consistency(traces: Traces) -> str:
-    """Normalised innovations of the winner, by channel."""
-    row = 72.0
-    figure = _sheet("consistency", 3, "Normalised innovations of the winning observer", row=row, top=30.0)
-    left, width = _columns(1)[0]
-    for r, name in enumerate(("Voltage", "Current", "Position")):
-        panel = figure.panel(left, 30.0 + r * (row + SPACE), width, row, _span(traces.t), (-6.0, 6.0))
-        panel.frame("time [s]" if r == 2 else "", f"{name} [standard deviations]", x_ticks=r == 2)
-        every = slice(None, None, max(1, traces.t.size // DOTS))
-        y = np.clip(traces.normalised[every, r], -5.8, 5.8)
-        low, high = (float(panel.at_y(np.array(v))) for v in (-1.96, 1.96))
-        panel.parts.insert(
-            0,
-            f'<rect x="{left:.1f}" y="{high:.1f}" width="{width:.1f}" '
-            f'height="{low - high:.1f}" fill="#eef0f3"/>',
-        )
-        panel.points(traces.t[every], y, MEASURED, 1.8, 0.5)
-    return figure.svg()
-
-
-def _sheet(name: str, rows: int, title: str, row: float = ROW, top: float = TOP) -> Figure:
-    return Figure(name, WIDTH, top + rows * row + (rows - 1) * SPACE + 42.0, title)
-
-
-def _columns(count: int) -> list[tuple[float, float]]:
-    """(left, width) of the panels side by side; names of lines stand right of each."""
-    room = WIDTH - LEFT - RIGHT
-    if count == 1:
-        return [(LEFT, room)]
-    width = (room - GAP) / 2.0
-    return [(LEFT, width), (LEFT + width + GAP, width)]
-
-
-def _heads(figure: Figure, boxes: list[tuple[float, float]], heads: tuple[str, str]) -> None:
-    for (left, _), head in zip(boxes, heads, strict=False):
-        figure.text(left, 22.0, head, INK, 650, 14)
-
-
-def _events(panel: Panel, verdict: Event, words: bool = False) -> None:
-    """Onset with its interval, and the moment from which the verdict is certain."""
-    if verdict.label == NOMINAL:
-        return
-    low, high = verdict.onset_interval_s
-    if low is not None and high is not None and verdict.onset_s is not None:
-        panel.band(low, high, ONSET, 0.45)
-        panel.moment(verdict.onset_s, "onset" if words else "", "#8a6100", side="end")
-    if verdict.isolated_s is not None:
-        panel.moment(verdict.isolated_s, "isolated" if words else "", INK, "2 2")
-
-
-def _measured(traces: Traces) -> list[Array]:
-    return [traces.z[:, 0], traces.z[:, 1], traces.z[:, 2], traces.w]
-
-
-def _predicted(traces: Traces) -> list[Array]:
-    return [*(traces.predicted[:, :, c] for c in range(3)), traces.w_predicted]
-
-
-def _limits(measured: Array, predicted: Array, least: float) -> tuple[float, float]:
-    """The range of the data, and of the predictions as far as they leave it by half its height."""
-    low, high = padded(measured, least=least)
-    room = 0.5 * (high - low)
-    finite = predicted[np.isfinite(predicted)]
-    if not finite.size:
-        return low, high
-    return min(low, max(float(finite.min()), low - room)), max(high, min(float(finite.max()), high + room))
-
-
-def _decades(norm: Array) -> tuple[float, float]:
-    good = norm[np.isfinite(norm) & (norm > 0.0)]
-    if not good.size:
-        return 0.1, 10.0
-    low, high = float(np.quantile(good, 0.02)), float(good.max())
-    return max(low, 1e-3 * high) / 1.2, high * 1.3
-
-
-def _running_rms(y: Array, window: int) -> Array:
-    kernel = np.ones(min(window, y.size))
-    good = np.isfinite(y)
-    total = np.convolve(np.where(good, y, 0.0) ** 2, kernel, "same")
-    count = np.convolve(good.astype(float), kernel, "same")
-    return np.sqrt(np.divide(total, count, out=np.full(y.size, np.nan), where=count > 0))
-
-
-def _span(t: Array) -> tuple[float, float]:
-    return float(t[0]), float(t[-1])
-
-
-def _last(y: Array) -> float:
-    good = y[np.isfinite(y)]
-    return float(good[-1]) if good.size else float("nan")
+def _words(label: str, channel: str | None = None) -> str:
+    """A verdict in words, with its channel where it names one."""
+    return FAULTS[label].title.lower() + (f" ({channel})" if channel else "")

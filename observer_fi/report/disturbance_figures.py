@@ -1,13 +1,12 @@
-"""Figures of freed equations: a smoothed disturbance with its 95 % band over time, and over what it may depend on."""
+"""Charts of freed equations: a smoothed disturbance with its 95 % band over time, and over what it may depend on."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from observer_fi.improve import DRAWN, BinnedDisturbance, SmoothedDisturbance
-from observer_fi.records import Array
-from observer_fi.report.chart import INK, Figure, Panel, padded
-from observer_fi.report.learning_figures import AFTER, BEFORE, LEFT, REGRESSORS, RIGHT, WIDTH
+from observer_fi.report.interactive import INK, Charts, Panel, Series, thinned
+from observer_fi.report.learning_figures import AFTER, ALONG, BEFORE, REGRESSORS, ZERO, quantity
 
 HANDY = {
     "N m": ("mN m", 1e3),
@@ -17,17 +16,18 @@ HANDY = {
     "m/s": ("mm/s", 1e3),
     "N m s/rad": ("nN m s/rad", 1e9),
 }
-_OVER_TIME, _SMALL, _GAP = 130.0, 120.0, 78.0
-_COLUMNS, _APART, _WIDE = 4, 250.0, 190.0
 _RANGE, _ROOM = (
     (0.01, 0.99),
     0.3,
 )  # quantiles, and what is shown beyond them: single samples at a start ask for any size
 
 
-def of_disturbances(disturbances: Sequence[SmoothedDisturbance]) -> list[str]:
-    """One SVG a disturbance."""
-    return [disturbance_figure(disturbance, number) for number, disturbance in enumerate(disturbances)]
+def of_disturbances(disturbances: Sequence[SmoothedDisturbance]) -> list[tuple[Charts, Charts]]:
+    """Of each disturbance its course over time, and its mean over what it may depend on."""
+    return [
+        (over_time(disturbance, number), over_regressors(disturbance, number))
+        for number, disturbance in enumerate(disturbances)
+    ]
 
 
 def handy(unit: str) -> tuple[str, float]:
@@ -35,61 +35,56 @@ def handy(unit: str) -> tuple[str, float]:
     return HANDY.get(unit, (unit, 1.0))
 
 
-def disturbance_figure(disturbance: SmoothedDisturbance, number: int) -> str:
-    """One disturbance: over time, and its mean over each regressor by the direction of motion."""
-    names = [name for name in DRAWN if name in disturbance.curves]
-    rows = -(-len(names) // _COLUMNS)
-    height = 30.0 + _OVER_TIME + 68.0 + rows * (_SMALL + _GAP)
-    figure = Figure(
-        f"disturbance-{number}", WIDTH, height, f"What the {disturbance.what.name} would have to be"
-    )
+def over_time(disturbance: SmoothedDisturbance, number: int) -> Charts:
+    """One disturbance over the moves with its 95 % band."""
     unit, factor = handy(disturbance.what.unit)
-    limits = _limits(disturbance, factor)
-    label = f"{disturbance.what.name}{'' if unit == '1' else f' [{unit}]'}"
-    panel = figure.panel(LEFT, 30.0, WIDTH - LEFT - RIGHT, _OVER_TIME, padded(disturbance.t, pad=0.0), limits)
-    _over_time(panel, disturbance, factor, label)
-    for k, name in enumerate(names):
-        left = LEFT + (k % _COLUMNS) * _APART
-        top = 30.0 + _OVER_TIME + 68.0 + (k // _COLUMNS) * (_SMALL + _GAP)
-        _over(figure, disturbance.curves[name], name, left, top, factor)
-    for at, text, colour in ((0.0, "forward", AFTER), (62.0, "backward", BEFORE)):
-        figure.text(WIDTH - RIGHT + 6.0 + at, 30.0 + _OVER_TIME + 44.0, text, colour, 600)
-    return figure.svg()
+    t, (mean, low, high) = thinned(
+        disturbance.t,
+        factor * disturbance.mean,
+        factor * (disturbance.mean - disturbance.band),
+        factor * (disturbance.mean + disturbance.band),
+        most=ALONG,
+    )
+    line = Series("smoothed, with its 95 % band", mean, AFTER, 1.0, low=low, high=high)
+    about = f"What the {disturbance.what.name} would have to be over the moves, with a band of 95 %."
+    panel = Panel(disturbance.what.name.capitalize(), "" if unit == "1" else unit, t, (line,), about,
+                  "time along the moves [s]", limits=_limits(disturbance, factor), levels=ZERO, height=170)  # fmt: skip
+    return Charts(f"disturbance-{number}", (panel,))
 
 
 def _limits(disturbance: SmoothedDisturbance, factor: float) -> tuple[float, float]:
+    """What nearly all of a disturbance lies in, with room beyond, and zero."""
     known = np.isfinite(disturbance.mean)
-    low, high = (
-        factor * (disturbance.mean - disturbance.band)[known],
-        factor * (disturbance.mean + disturbance.band)[known],
-    )
-    return padded(np.quantile(low, _RANGE[:1]), np.quantile(high, _RANGE[1:]), np.zeros(1), pad=_ROOM)
+    if not known.any():
+        return -1.0, 1.0
+    low = min(float(np.quantile(factor * (disturbance.mean - disturbance.band)[known], _RANGE[0])), 0.0)
+    high = max(float(np.quantile(factor * (disturbance.mean + disturbance.band)[known], _RANGE[1])), 0.0)
+    room = _ROOM * (high - low) or 1.0
+    return low - room, high + room
 
 
-def _over_time(panel: Panel, disturbance: SmoothedDisturbance, factor: float, label: str) -> None:
-    mean, band = factor * disturbance.mean, factor * disturbance.band
-    panel.frame("time along the moves [s]", label)
-    panel.level(0.0)
-    panel.ribbon(disturbance.t, mean - band, mean + band, AFTER)
-    panel.line(disturbance.t, mean, INK, 0.9)
-    panel.end_labels(((panel.y[1], "smoothed", INK), (0.5 * panel.y[1], "95 % band", AFTER)))
+def over_regressors(disturbance: SmoothedDisturbance, number: int) -> Charts:
+    """The mean of a disturbance over each regressor, by the direction of motion where it differs."""
+    unit, factor = handy(disturbance.what.unit)
+    panels = []
+    for name in (name for name in DRAWN if name in disturbance.curves):
+        curve, (label, scale) = disturbance.curves[name], REGRESSORS[name]
+        title = f"over {quantity(label)}, predicts {100.0 * curve.share:.0f} %"
+        about = f"Mean {disturbance.what.name} over {label}, with a band of 95 %; it predicts {100.0 * curve.share:.0f} %."
+        lines = _ways(curve, factor)
+        panels.append(
+            Panel(title, "" if unit == "1" else unit, scale * curve.at, lines, about, label, levels=ZERO)
+        )
+    return Charts(f"disturbance-{number}-over", tuple(panels), small=True)
 
 
-def _over(
-    figure: Figure, curve: BinnedDisturbance, name: str, left: float, top: float, factor: float
-) -> None:
-    label, scale = REGRESSORS[name]
+def _ways(curve: BinnedDisturbance, factor: float) -> tuple[Series, ...]:
+    """One line a direction; one line where both are the same."""
     directed = bool(np.isfinite(curve.backward).any())
-    ways = ((curve.forward, AFTER), (curve.backward, BEFORE)) if directed else ((curve.forward, INK),)
-    shown = [factor * (y + side * curve.band) for y, _ in ways for side in (-1.0, 1.0)]
-    panel = figure.panel(left, top, _WIDE, _SMALL, padded(scale * curve.at), padded(*shown, np.zeros(1)))
-    panel.frame(label, f"mean, predicts {100.0 * curve.share:.0f} %")
-    panel.level(0.0)
-    for y, colour in ways:
-        _way(panel, scale * curve.at, factor * y, factor * curve.band, colour)
-
-
-def _way(panel: Panel, at: Array, y: Array, band: Array, colour: str) -> None:
-    panel.ribbon(at, y - band, y + band, colour, 0.18)
-    panel.line(at, y, colour, 1.5)
-    panel.points(at, y, colour, 2.6)
+    both = (("forward", curve.forward, AFTER), ("backward", curve.backward, BEFORE))
+    ways = both if directed else (("both ways", curve.forward, INK),)
+    band = factor * curve.band
+    return tuple(
+        Series(name, factor * y, colour, 1.5, points=3.0, low=factor * y - band, high=factor * y + band)
+        for name, y, colour in ways
+    )

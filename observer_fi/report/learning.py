@@ -1,7 +1,10 @@
 """Reports of `identify` and `improve`: the records printed, nothing computed."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
 
 from observer_fi.improve import (
     CLOSE_ALIKE,
@@ -45,8 +48,6 @@ def improve_files(
         "improve.json": json_text(improve_json(record, gain)),
         "improve.html": html,
         "extended_rig.toml": rig_toml(record.extended_rig),
-        **{f"{key}.svg": svg for key, svg in drawn.items()},
-        **{f"disturbance_{k + 1}.svg": svg for k, svg in enumerate(disturbances)},
     }
 
 
@@ -174,14 +175,25 @@ def identify_files(
     page = environment().get_template("identify.html")
     html = page.render(
         fit=fit, rig=rig, name=name, logs=logs, note=note, figures=drawn, value=value, versions=versions(),
-        by_phase=by_phase, left_over=left_over(fit.rmse), units={name: unit for name, (unit, _) in PARAMETERS.items()},
+        by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
+        units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
     return {
         "identify.json": json_text(identify_json(fit)),
         "identify.html": html,
         "rig.toml": rig_toml(identified),
-        **{f"{key}.svg": svg for key, svg in drawn.items()},
     }
+
+
+def correlated(fit: Fit) -> list[tuple[str, list[float]]]:
+    """Each parameter with its correlations with itself and those before it; none where there are not two."""
+    names, known = [p.name for p in fit.parameters], np.asarray(fit.correlation, dtype=float)
+    if len(names) < 2 or not known.size:
+        return []
+    return [
+        (name, known[row, : row + 1].tolist() if row < len(known) else [math.nan] * (row + 1))
+        for row, name in enumerate(names)
+    ]
 
 
 RMSE = {

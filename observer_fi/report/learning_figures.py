@@ -1,4 +1,4 @@
-"""Figures of `identify` and `improve`: fits over data, residuals before and after, correlations, smooth terms."""
+"""Charts of `identify` and `improve`: fits over data, residuals before and after, correlations, smooth terms."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,10 +8,10 @@ import numpy as np
 from observer_fi.improve import Improvement, Residuals, Smooth
 from observer_fi.physics import Curve
 from observer_fi.records import Array, Fit
-from observer_fi.report.chart import GRID, MUTED, Figure, padded
+from observer_fi.report.interactive import MUTED, Charts, Level, Panel, Series, joined, thinned
 
 BEFORE, AFTER, MEASURED = "#b4560f", "#0b62b0", "#9aa3ad"
-CHANNELS = (("Voltage [V]", 1.0), ("Current [mA]", 1e3), ("Position [mm]", 1e3))
+CHANNELS = (("Voltage", "V", 1.0), ("Current", "mA", 1e3), ("Position", "mm", 1e3))
 REGRESSORS = {
     "speed": ("speed [rad/s]", 1.0),
     "position": ("position [mm]", 1e3),
@@ -26,19 +26,21 @@ REGRESSORS = {
 }
 _OF_FORCE = {"current": ("commanded force [N]", 1.0)}  # what commands there
 UNITS = {
-    "torque": ("torque [mN m]", 1e3),
-    "electrical": ("resistance [ohm]", 1.0),
-    "kinematics": ("share of travel", 1.0),
-    "sensor:position": ("position error [µm]", 1e6),
-    "sensor:current": ("current error [mA]", 1e3),
-    "sensor:voltage": ("voltage error [mV]", 1e3),
+    "torque": ("torque", "mN m", 1e3),
+    "electrical": ("resistance", "ohm", 1.0),
+    "kinematics": ("share of travel", "", 1.0),
+    "sensor:position": ("position error", "µm", 1e6),
+    "sensor:current": ("current error", "mA", 1e3),
+    "sensor:voltage": ("voltage error", "mV", 1e3),
 }
 AXES = {
     "current": "current [A]", "voltage": "terminal voltage [V]", "pitch": "pitch [deg]", "torque": "motor torque [N m]",
     "time": "time [s]", "speed": "speed [rad/s]", "error": "speed less command [rad/s]", "x": "position [m]",
     "angle": "motor angle [rad]",
 }  # fmt: skip
-WIDTH, LEFT, RIGHT = 1040.0, 62.0, 150.0
+RIGS = (("refitted rig", BEFORE), ("extended rig", AFTER))  # before and after
+ALONG = 4000  # points of a line over the logs, at most
+ZERO = (Level(0.0),)
 
 
 def main_channel(residuals: Residuals) -> int:
@@ -52,113 +54,117 @@ def regressor(residuals: Residuals, name: str) -> tuple[str, float]:
     return known.get(name, (name.replace("_", " "), 1.0))
 
 
-def _label(residuals: Residuals, channel: int) -> str:
-    name = residuals.channels[channel]
-    return f"{name} residual / noise" if residuals.unit == "noise" else f"{name} residual [{residuals.unit}]"
+def quantity(label: str) -> str:
+    """The label of an axis without its unit."""
+    return label.partition(" [")[0]
 
 
-def residuals_over_time(before: Residuals, after: Residuals) -> str:
-    """Residuals of every channel over the logs, before and after."""
-    count = len(before.channels)
-    figure = Figure("over-time", WIDTH, count * 150.0 + 60.0, "Residuals before and after")
+def _named(residuals: Residuals, channel: int) -> tuple[str, str]:
+    """What a residual is called, and its unit: none where it is over the noise."""
+    name = f"{residuals.channels[channel]} residual"
+    return (f"{name} / noise", "") if residuals.unit == "noise" else (name, residuals.unit)
+
+
+def residuals_over_time(before: Residuals, after: Residuals) -> Charts:
+    """Residuals of every channel over the logs, before and after, on one axis."""
     step = float(np.median(np.diff(before.t))) if before.t.size > 1 else 0.0
-    along: Array = np.asarray(step * np.arange(before.t.size), dtype=np.float64)
-    span = (0.0, float(along[-1]) if along.size else 1.0)
-    for c in range(count):
-        last = c == count - 1
-        least = 4.0 if before.unit == "noise" else 0.0
-        limits = padded(np.quantile(before.z_minus_y[:, c], [0.002, 0.998]), least=least)
-        panel = figure.panel(LEFT, 30.0 + 150.0 * c, WIDTH - LEFT - RIGHT, 105.0, span, limits)
-        panel.frame("time along the moves [s]" if last else "", _label(before, c), last)
-        panel.line(along, before.z_minus_y[:, c], BEFORE, 0.7, opacity=0.75)
-        panel.line(along, after.z_minus_y[:, c], AFTER, 0.7)
-        panel.end_labels(((limits[1] * 0.5, "refitted rig", BEFORE), (0.0, "extended rig", AFTER)))
-    return figure.svg()
-
-
-def residual_curves(before: Residuals, after: Residuals, channel: int) -> str:
-    """Mean residual of a channel over each regressor, with the sign of motion, before and after."""
-    names = [n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2]
-    columns, width, height = 3, 255.0, 120.0
-    rows = -(-len(names) // columns)
-    figure = Figure(
-        f"curves-{channel}", WIDTH, max(rows, 1) * (height + 78.0) + 20.0, "Residual over each regressor"
-    )
-    least = 0.5 if before.unit == "noise" else 0.0
-    for k, name in enumerate(names):
-        label, scale = regressor(before, name)
-        one, two = before.curves[name], after.curves.get(name, before.curves[name])
-        limits = padded(one.mean[:, channel], two.mean[:, channel], least=least)
-        panel = figure.panel(
-            LEFT + (k % columns) * (width + 75.0), 32.0 + (k // columns) * (height + 78.0), width, height,
-            padded(scale * one.at), limits,
+    panels = []
+    for c in range(len(before.channels)):
+        place: Array = np.asarray(step * np.arange(before.t.size), dtype=np.float64)
+        along, both = thinned(place, before.z_minus_y[:, c], after.z_minus_y[:, c], most=ALONG)
+        title, unit = _named(before, c)
+        lines = [Series(name, y, colour, 1.0) for (name, colour), y in zip(RIGS, both, strict=True)]
+        about = f"The {title} over the moves, of the refitted and of the extended rig."
+        panels.append(
+            Panel(title.capitalize(), unit, along, tuple(lines), about, "time along the moves [s]", "residuals",
+                  least=4.0 if before.unit == "noise" else 0.0, levels=ZERO)
         )  # fmt: skip
-        panel.frame(label, _label(before, channel) if k % columns == 0 else "")
-        panel.level(0.0)
-        for curve, colour in ((one, BEFORE), (two, AFTER)):
-            panel.line(scale * curve.at, curve.mean[:, channel], colour, 1.6)
-            panel.points(scale * curve.at, curve.mean[:, channel], colour, 4.0)
-    return figure.svg()
+    return Charts("over-time", tuple(panels))
 
 
-def spectra(before: Residuals, after: Residuals, channel: int) -> str:
+def residual_curves(before: Residuals, after: Residuals, channel: int) -> Charts:
+    """Mean residual of a channel over each regressor, with the sign of motion, before and after."""
+    title, unit = _named(before, channel)
+    panels = []
+    for name in (n for n in REGRESSORS if n in before.curves and before.curves[n].at.size > 2):
+        label, scale = regressor(before, name)
+        pair = (before.curves[name], after.curves.get(name, before.curves[name]))
+        x, both = joined(*((scale * curve.at, curve.mean[:, channel]) for curve in pair))
+        lines = [
+            Series(rig, y, colour, 1.6, points=4.0, spans=True)
+            for (rig, colour), y in zip(RIGS, both, strict=True)
+        ]
+        about = f"Mean {title} over {label}, of the refitted and of the extended rig."
+        panels.append(
+            Panel(f"over {quantity(label)}", unit, x, tuple(lines), about, label, levels=ZERO,
+                  least=0.5 if before.unit == "noise" else 0.0)
+        )  # fmt: skip
+    return Charts(f"curves-{channel}", tuple(panels), small=True)
+
+
+def spectra(before: Residuals, after: Residuals, channel: int) -> Charts:
     """Power of a channel's residual over frequency and over orders of the motor turn; 1 is white noise."""
-    figure = Figure("spectra", WIDTH, 250.0, "Spectra of the residual")
     sides = (
-        ("frequency [Hz]", before.spectrum, after.spectrum),
+        ("over frequency [Hz]", before.spectrum, after.spectrum),
         ("per motor turn", before.orders, after.orders),
     )
-    for k, (label, one, two) in enumerate(sides):
+    panels = []
+    for label, one, two in sides:
         if not one[1].size or not two[1].size:
             continue
-        x, power = one[0][1:], one[1][1:, channel]
-        high = float(max(10.0, np.nanmax(power, initial=10.0)))
-        span = (0.0, float(x[-1]) if x.size else 1.0)
-        panel = figure.panel(LEFT + k * 490.0, 34.0, 390.0, 160.0, span, (0.05, 2.0 * high), log=True)
-        panel.frame(label, "power, 1 = white" if k == 0 else "")
-        panel.level(1.0)
-        panel.line(x, power, BEFORE, 1.2)
-        panel.line(two[0][1:], two[1][1:, channel], AFTER, 1.2)
-    return figure.svg()
+        x, both = joined(*((side[0][1:], np.maximum(side[1][1:, channel], 1e-4)) for side in (one, two)))
+        x, both = thinned(x, *both, most=ALONG)
+        lines = [Series(rig, y, colour, 1.2, spans=True) for (rig, colour), y in zip(RIGS, both, strict=True)]
+        about = f"Power of the {before.channels[channel]} residual {label}; white noise lies at 1."
+        panels.append(
+            Panel(f"Power {quantity(label)}", "1 = white", x, tuple(lines), about, label, scale="log",
+                  levels=(Level(1.0, "white"),), height=170)
+        )  # fmt: skip
+    return Charts("spectra", tuple(panels), small=True)
 
 
-def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> str:
+def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
     """The curve of every unexplained term with its band of two standard errors."""
-    figure = Figure("smooth", WIDTH, 240.0, "What no named cause explains")
-    for k, term in enumerate([term for term in terms if term.at.size][:3]):
+    panels = []
+    for term in [term for term in terms if term.at.size][:3]:
         label, scale = regressor(residuals, term.regressor)
-        unit, factor = UNITS.get(term.equation, (term.equation, 1.0))
+        what, unit, factor = UNITS.get(term.equation, (term.equation, "", 1.0))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]
-        panel = figure.panel(LEFT + k * 330.0, 34.0, 240.0, 140.0, padded(x), padded(y - band, y + band))
-        panel.frame(label, unit)
-        panel.level(0.0)
-        panel.line(x, y - band, MUTED, 0.8, "3 3")
-        panel.line(x, y + band, MUTED, 0.8, "3 3")
-        panel.line(x, y, AFTER, 1.8)
-    return figure.svg()
+        line = Series(what, y, AFTER, 1.8, low=y - band, high=y + band)
+        about = f"The {what} over {label} that the residual asks for, with a band of two standard errors."
+        panels.append(
+            Panel(
+                f"{what.capitalize()} over {quantity(label)}",
+                unit,
+                x,
+                (line,),
+                about,
+                label,
+                levels=ZERO,
+                height=160,
+            )
+        )
+    return Charts("smooth", tuple(panels), small=True)
 
 
-def kept_curve(curve: Curve) -> str:
+def kept_curve(curve: Curve) -> Charts:
     """The empirical curve of the extended rig at its points, with a band of two standard errors."""
-    figure = Figure("kept", WIDTH, 240.0, "The curve that is kept")
     label, scale = REGRESSORS[curve.regressor]
-    unit, factor = UNITS[curve.equation]
+    what, unit, factor = UNITS[curve.equation]
     x = np.array([scale * (curve.first + k * curve.step) for k in range(len(curve.values))])
     y = np.array([factor * v for v in curve.values])
     band = np.array([2.0 * factor * v for v in curve.std or (0.0,) * y.size])
-    panel = figure.panel(LEFT, 34.0, WIDTH - LEFT - RIGHT, 140.0, padded(x), padded(y - band, y + band))
-    panel.frame(label, unit)
-    panel.level(0.0)
-    panel.line(x, y - band, MUTED, 0.8, "3 3")
-    panel.line(x, y + band, MUTED, 0.8, "3 3")
-    panel.line(x, y, AFTER, 1.4)
-    panel.points(x, y, AFTER, 4.0)
-    return figure.svg()
+    line = Series(what, y, AFTER, 1.4, points=4.0, low=y - band, high=y + band)
+    about = f"The {what} over {label} that the extended rig keeps, with a band of two standard errors."
+    panel = Panel(
+        f"{what.capitalize()} over {quantity(label)}", unit, x, (line,), about, label, levels=ZERO, height=160
+    )
+    return Charts("kept", (panel,))
 
 
-def of_improve(record: Improvement) -> dict[str, str]:
-    """Every figure of an improve report, {name: SVG}."""
+def of_improve(record: Improvement) -> dict[str, Charts]:
+    """All charts of an improve report, by name."""
     main = main_channel(record.before)
     drawn = {
         "over_time": residuals_over_time(record.before, record.after),
@@ -175,52 +181,40 @@ def of_improve(record: Improvement) -> dict[str, str]:
     return drawn
 
 
-def fit_over_data(one: dict[str, Any], number: int) -> str:
-    """Measured and simulated readings of one log, and the residuals below each."""
-    figure = Figure(f"fit-{number}", WIDTH, 3 * 210.0 + 50.0, "The fit over the data")
-    t, measured, simulated, r = (np.asarray(one[k]) for k in ("time", "measured", "simulated", "residual"))
-    for c, (name, scale) in enumerate(CHANNELS):
-        top = 28.0 + 210.0 * c
-        x, shown = padded(t), measured if np.isfinite(measured[:, c]).any() else simulated
-        panel = figure.panel(LEFT, top, WIDTH - LEFT - RIGHT, 95.0, x, padded(scale * shown[:, c]))
-        panel.frame("", name, False)
-        panel.line(t, scale * measured[:, c], MEASURED, 1.6)
-        panel.line(t, scale * simulated[:, c], AFTER, 0.9)
-        middle = float(np.nanmedian(scale * shown[:, c]))
-        panel.end_labels(((middle, "measured", MUTED), (middle, "simulated", AFTER)))
-        below = figure.panel(LEFT, top + 108.0, WIDTH - LEFT - RIGHT, 45.0, x, padded(r[:, c], least=4.0))
-        below.frame("time [s]" if c == 2 else "", "", c == 2)
-        below.level(0.0)
-        below.line(t, r[:, c], BEFORE, 0.7)
-        below.end_labels(((0.0, "residual / noise", BEFORE),))
-    return figure.svg()
-
-
-def correlation(fit: Fit) -> str:
-    """The correlation matrix of the parameters as a grid of shaded squares with their values."""
-    names = [p.name for p in fit.parameters]
-    cell, left = 46.0, 130.0
-    figure = Figure("correlation", WIDTH, cell * len(names) + 60.0, "Correlation of the parameters")
-    for row, name in enumerate(names):
-        figure.text(8.0, 42.0 + cell * row, name)
-        for column in range(row + 1):
-            value = float(fit.correlation[row, column]) if row < len(fit.correlation) else float("nan")
-            panel = figure.panel(
-                left + cell * column, 14.0 + cell * row, cell - 3.0, cell - 3.0, (0.0, 1.0), (0.0, 1.0)
+def fit_over_data(one: dict[str, Any], number: int) -> Charts:
+    """Measured and simulated readings of one log, and the residuals below each, on one axis."""
+    t, measured, simulated, r = (
+        np.asarray(one[k], dtype=float) for k in ("time", "measured", "simulated", "residual")
+    )
+    panels = []
+    for c, (name, unit, scale) in enumerate(CHANNELS):
+        x, (y, model, left) = thinned(t, scale * measured[:, c], scale * simulated[:, c], r[:, c], most=ALONG)
+        lines = (Series("measured", y, MEASURED, 2.0), Series("simulated", model, AFTER, 1.2))
+        about = f"{name} of log {number + 1} over time, measured and simulated."
+        panels.append(Panel(name, unit, x, lines, about, link=f"fit-{number}"))
+        below = (Series("residual / noise", left, BEFORE, 1.0),)
+        about = f"Residual of the {name.lower()} of log {number + 1} over the noise of its sensor."
+        panels.append(
+            Panel(
+                f"{name}: residual / noise",
+                "",
+                x,
+                below,
+                about,
+                link=f"fit-{number}",
+                least=4.0,
+                levels=ZERO,
+                height=80,
             )
-            colour = GRID if not np.isfinite(value) else (AFTER if value > 0.0 else BEFORE)
-            panel.band(0.0, 1.0, colour, 0.0 if not np.isfinite(value) else min(abs(value), 1.0) * 0.85)
-            panel.note(f"{value:.2f}" if np.isfinite(value) else "")
-    return figure.svg()
+        )
+    return Charts(f"fit-{number}", tuple(panels))
 
 
-def of_identify(fit: Fit) -> dict[str, str]:
-    """Every figure of an identify report, {name: SVG}."""
+def of_identify(fit: Fit) -> dict[str, Charts]:
+    """All charts of an identify report, by name."""
     drawn = {f"fit_{k + 1}": fit_over_data(one, k) for k, one in enumerate(fit.figures.get("fits", [])[:4])}
-    if len(fit.parameters) > 1 and np.asarray(fit.correlation).size:
-        drawn["correlation"] = correlation(fit)
     steps: dict[str, Any] = fit.figures.get("steps", {})
-    drawn |= {f"step_{name}": step_figure(name, step) for name, step in steps.items() if _pairs(step)}
+    drawn |= {f"step_{name}": step_chart(name, step) for name, step in steps.items() if _pairs(step)}
     return drawn
 
 
@@ -235,28 +229,25 @@ def _pairs(step: Any) -> list[tuple[str, Array, Array]]:
     return [(name, x, y) for name, y in rest if y.size == x.size and name != "direction"]
 
 
-def step_figure(name: str, step: Any) -> str:
+def step_chart(name: str, step: Any) -> Charts:
     """One step of section 3: data as dots, what was fitted as lines, one a direction of motion."""
     curves = _pairs(step)
-    title = f"{name.replace('_', ' ').capitalize()}, equation {step.equation}: {_axis(curves[0][0])}"
-    figure = Figure(f"step-{name}", WIDTH, 230.0, title)
     x = curves[0][1]
-    panel = figure.panel(
-        LEFT, 34.0, WIDTH - LEFT - RIGHT, 140.0, padded(x), padded(*(y for _, _, y in curves))
-    )
-    panel.frame(_axis(next(iter(step.arrays))), title)
     ways = np.asarray(step.arrays.get("direction", np.ones(x.size)))
-    labels = []
-    for k, (label, at, y) in enumerate(curves):
-        colour = MUTED if k == 0 else (AFTER, BEFORE)[(k - 1) % 2]
-        for way in np.unique(ways) if k else ():
-            order = np.flatnonzero(ways == way)[np.argsort(at[ways == way])]
-            panel.line(at[order], y[order], colour, 1.4)
-        if k == 0:
-            panel.points(at, y, colour, 5.0 if y.size < 40 else 2.5)
-        labels.append((float(y[np.argmax(at)]), label.replace("_", " "), colour))
-    panel.end_labels(labels)
-    return figure.svg()
+    drawn = [(label, y, MUTED, 0.0) for label, _, y in curves[:1]]
+    for k, (label, _, y) in enumerate(curves[1:]):
+        colour = (AFTER, BEFORE)[k % 2]
+        drawn += [(label, np.where(ways == way, y, np.nan), colour, 1.5) for way in np.unique(ways)]
+    order = np.argsort(x, kind="stable")
+    dots = 5.0 if x.size < 40 else 2.5
+    lines = [
+        Series(label.replace("_", " "), y[order], colour, width, points=0.0 if width else dots, spans=True)
+        for label, y, colour, width in drawn
+    ]
+    label, what = _axis(next(iter(step.arrays))), _axis(curves[0][0])
+    title = f"{name.replace('_', ' ').capitalize()}, equation {step.equation}: {what}"
+    about = f"{what.capitalize()} over {label}: data of the step as dots, what was fitted to them as lines."
+    return Charts(f"step-{name}", (Panel(title, "", x[order], tuple(lines), about, label, height=170),))
 
 
 def _axis(name: str) -> str:

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from observer_fi.records import Array
-from observer_fi.report.chart import INK, MUTED, Figure, padded
 from observer_fi.report.diagnosis import environment, json_text, versions
+from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
 from observer_fi.trend import CHANGED, NOT_TESTED, UNCHANGED, Finding, Judged, Trend, in_words
 
 SCHEMA = "observer-fi/trend/1"
 COLOURS = {UNCHANGED: "#3d6fa8", CHANGED: "#b3261e", NOT_TESTED: "#8a929b"}
 LANES = 12  # shown at once; the others stand below, folded
-WIDTH, LANE, LEFT = 1040.0, 118.0, 84.0
 
 
 def trend_files(found: Trend, name: str, bad: list[str]) -> dict[str, str]:
@@ -143,7 +142,7 @@ def page(found: Trend, name: str, bad: list[str]) -> str:
         .get_template("trend.html")
         .render(
             found=found, name=name, bad=bad, lanes=lanes(found, order[:LANES], "lanes"),
-            folded=lanes(found, order[LANES:], "folded") if len(order) > LANES else "", score=score_figure(found),
+            folded=lanes(found, order[LANES:], "folded") if len(order) > LANES else None, score=score_chart(found),
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
             colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=_size,
             short=lambda path: path.replace("\\\\", "/").rpartition("/")[2],
@@ -183,46 +182,57 @@ def _places(found: Trend) -> tuple[Array, str]:
     return np.arange(len(found.table.paths), dtype=float), "logs"
 
 
-def lanes(found: Trend, rows: list[int], name: str) -> str:
+def lanes(found: Trend, rows: list[int], name: str) -> Charts:
     """A lane a quantity: each log as a dot without what its conditions do, the fitted level, the healthy band, changes marked."""
     times, label = _places(found)
+    order = np.argsort(times, kind="stable")
     values, level = _lane_values(found)
-    height = LANE * max(len(rows), 1) + 46.0
-    figure = Figure(name, WIDTH, height, "Every quantity over the logs")
-    colours = _colours(found)
-    for k, row in enumerate(rows):
+    verdicts = _colours(found)[order]
+    panels = []
+    for row in rows:
         unit, scale = _handy(found.baseline.units[row], values[:, row])
-        value, fitted = values[:, row] / scale, level[:, row] / scale
+        value, fitted = values[order, row] / scale, level[order, row] / scale
         scatter = found.baseline.limit_of * found.baseline.scatter[row] / scale
         middle = found.baseline.coefficients[0, row] / scale
-        top = 26.0 + LANE * k
-        y = padded(value, np.array([middle - 0.5 * scatter, middle + 0.5 * scatter]), pad=0.12)
-        panel = figure.panel(
-            LEFT, top, WIDTH - LEFT - 20.0, LANE - 48.0, padded(times, least=1.0, pad=0.02), y
+        words, own = in_words(found.baseline.names[row]), found.baseline.names[row]
+        marks = tuple(
+            Mark(float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED])
+            for f in found.findings
+            if own in f.names
         )
-        title = f"{in_words(found.baseline.names[row])}{unit} ({found.baseline.names[row]})"
-        panel.frame(x_label=label if k == len(rows) - 1 else "", y_label=title, x_ticks=k == len(rows) - 1)
-        both = np.array([panel.x[0], panel.x[1]])
-        panel.ribbon(both, np.full(2, middle - scatter), np.full(2, middle + scatter), "#9fb4c9", 0.22)
-        panel.line(times, fitted, INK, 1.2)
-        for verdict, colour in COLOURS.items():
-            here = colours == verdict
-            panel.points(times[here], value[here], colour, 4.0, 0.85)
-        for f in found.findings:
-            if found.baseline.names[row] in f.names:
-                panel.moment(
-                    float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED], "4 3"
-                )
-    return figure.svg()
+        lines = (*_dots(value, verdicts), Series("fitted level", fitted, INK, 1.2))
+        about = f"{words} over the logs, one dot each, with the level fitted to them and the band of healthy ones."
+        panels.append(
+            Panel(f"{words} ({own})", unit, times[order], lines, about, label, "logs", levels=_band(middle, scatter),
+                  least=max(scatter, 0.0) if math.isfinite(scatter) else 0.0, marks=marks, height=96)
+        )  # fmt: skip
+    return Charts(name, tuple(panels))
+
+
+def _dots(value: Array, verdicts: Array) -> list[Series]:
+    """The logs of each verdict as dots of its colour."""
+    return [
+        Series(
+            verdict.replace("_", " "), np.where(verdicts == verdict, value, np.nan), colour, 0.0, points=5.0
+        )
+        for verdict, colour in COLOURS.items()
+        if (verdicts == verdict).any()
+    ]
+
+
+def _band(middle: float, scatter: float) -> tuple[Level, ...]:
+    """What one quantity alone may differ by."""
+    known = math.isfinite(middle) and math.isfinite(scatter)
+    return (Level(middle - scatter, to=middle + scatter),) if known else ()
 
 
 def _handy(unit: str, values: Array) -> tuple[str, float]:
-    """The unit in brackets with a power of 1000 that makes these values handy, and that power."""
+    """The unit with a power of 1000 that makes these values handy, and that power."""
     if unit == "1":
         return "", 1.0
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = 3 * math.floor(math.log10(largest) / 3.0) if largest > 0.0 else 0
-    return (f" [{unit}]", 1.0) if power == 0 else (f" [1e{power} {unit}]", 10.0**power)
+    return (unit, 1.0) if power == 0 else (f"1e{power} {unit}", 10.0**power)
 
 
 def _lane_values(found: Trend) -> tuple[Array, Array]:
@@ -243,25 +253,23 @@ def _colours(found: Trend) -> Array:
     return np.array([verdicts.get(path, UNCHANGED) for path in paths])
 
 
-def score_figure(found: Trend) -> str:
+def score_chart(found: Trend) -> Charts:
     """The score of every log against the limit."""
     judged = [j for j in found.logs if j.verdict != NOT_TESTED]
-    figure = Figure("score", WIDTH, 190.0, "Distance of every log from the baseline")
     if not judged:
-        return figure.svg()
-    y = np.array([j.score for j in judged])
-    x = np.arange(y.size, dtype=float)
-    panel = figure.panel(
-        LEFT,
-        26.0,
-        WIDTH - LEFT - 20.0,
-        110.0,
-        padded(x, least=1.0, pad=0.02),
-        padded(y, np.array([0.0, 1.1])),
+        return Charts("score", ())
+    y, verdicts = np.array([j.score for j in judged]), np.array([j.verdict for j in judged])
+    limit = Level(1.0, f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
+    about = "Distance of every log from healthy ones, one dot each; above the dashed line a log has changed."
+    x = np.arange(y.size, dtype=np.float64)
+    panel = Panel(
+        "Score",
+        "",
+        x,
+        tuple(_dots(y, verdicts)),
+        about,
+        "logs in order",
+        levels=(Level(0.0), limit),
+        height=150,
     )
-    panel.frame(x_label="logs in order", y_label="score")
-    panel.level(1.0, MUTED, "4 3", f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
-    for verdict in (UNCHANGED, CHANGED):
-        here = np.array([j.verdict == verdict for j in judged])
-        panel.points(x[here], y[here], COLOURS[verdict], 4.0, 0.85)
-    return figure.svg()
+    return Charts("score", (panel,))

@@ -1,6 +1,6 @@
 """A log in, a verdict out: file -> chunks -> bank -> isolation -> Outcome, in memory that does not grow with the log."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import partial
@@ -25,7 +25,7 @@ from observer_fi.logs import (
     with_command,
 )
 from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
-from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome
+from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome, Traces
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
@@ -42,6 +42,8 @@ from observer_fi.verdict.wrong_rig import wrong_rig
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
+NEAR_S = 0.1  # shown on either side of a moment
+ONE_SPAN_S = 1.0  # an onset and an isolation that are further apart are shown apart
 MIXTURE_POINTS = 2000
 
 
@@ -145,7 +147,11 @@ class Diagnosis:
         self.isolator, self.testable = Isolator(modes, settings.decision), Testable()
         self.onsets: dict[tuple[float, int], Any] = {}
         self.told: dict[float, Event] = {}  # what whole moves said, by their start
-        self.overview, self.zoom = sketch.Overview(), Zoom()
+        self.overview, self.samples_near, self.evidence = (
+            sketch.Overview(),
+            sketch.Samples(),
+            sketch.Evidence(),
+        )
         self.samples, self.first, self.last, self.rate = 0, np.nan, np.nan, np.nan
         self.path = ""
         self.suspects: tuple[str, ...] | None = None
@@ -213,13 +219,16 @@ class Diagnosis:
         if self.detected_at is not None:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         self.testable.add(log, estimate)
+        starts = []
         for tracker in self.isolator.add(estimate):
+            starts.append(tracker.start_s)
             self._look_for_onsets(tracker)
         self._ask_moves(self.isolator.events)
         judged = tested(estimate, self.settings.decision)
-        rows_of = partial(sketch.rows, log, judged, self.logged, given.z)
+        told = self.evidence.add(estimate, log.z, self.logged.noise_std, starts)
+        rows_of = partial(sketch.rows, log, judged, self.logged, given.z, told)
         self.overview.add(given.z, rows_of)
-        self.zoom.add(log.t, rows_of, self._point_of_interest(estimate))
+        self.samples_near.add(log.t, rows_of, self._spans())
         detected = self.detected_at if self.detected_at is not None else self._first_detection()
         self.baseline.add(log, estimate, detected)
 
@@ -249,12 +258,13 @@ class Diagnosis:
                     found,
                 )  # again, where samples are still to come
 
-    def _point_of_interest(self, e: Estimate) -> float | None:
-        """What the zoom shows: the first fault's onset, else the first start of a move."""
-        if self.onsets:
-            return min(found.median for _, found in self.onsets.values())
+    def _spans(self) -> list[sketch.Span]:
+        """What is known to matter so far [s]: the first start of a move, onsets, and when they became certain."""
         event = self.isolator.current
-        return None if event is None else event.start_s + 0.1
+        begun = [] if event is None or self.onsets else [_around(event.start_s + NEAR_S)]
+        return begun + [
+            span for (since, _), found in self.onsets.values() for span in _shown(found.median, since)
+        ]
 
     def _first_detection(self) -> float | None:
         """When nominal was first doubted on the way to a fault."""
@@ -302,16 +312,37 @@ class Diagnosis:
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)
-        m = len(self.isolator.modes)
-        mixture = self.baseline.traces()
+        overview, zoom = self._drawn(verdict, events)
         return Outcome(
             name, log, self.samples, self.rate, self.last - self.first, self.isolator.modes, isolation,
-            None if lack else self.baseline.isolation(), sketch.unpacked(self.overview.result(), m, mixture),
-            None if lack else sketch.unpacked(self.zoom.result(), m, mixture), explain.explanation(isolation, self.rig, log),
+            None if lack else self.baseline.isolation(), overview, None if lack else zoom,
+            explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
             acquisition=self.as_logged.acquisition if self.as_logged else None, warnings=self._warnings(isolation, foreign),
         )  # fmt: skip
+
+    def _drawn(self, verdict: Event, events: tuple[Event, ...]) -> tuple[Traces, ...]:
+        """The whole log with every sample near the moments that matter, and those around the verdict's onset."""
+        for event in events:
+            if event.label != NOMINAL:
+                self.samples_near.keep(_moments(event))
+        at, m, mixture = verdict.onset_s, len(self.isolator.modes), self.baseline.traces()
+        if at is None or verdict.label == NOMINAL:
+            at = min(max(verdict.start_s + NEAR_S, self.first), self.last)
+            self.samples_near.keep([_around(at)])
+        span = _shown(at, verdict.isolated_s)[0]
+        near = self.samples_near.result()
+        whole = sketch.together(self.overview.result(), near)
+        return tuple(
+            replace(
+                traces,
+                posterior=sketch.as_judged(traces, self.isolator.modes, events),
+                evidence=sketch.since_onsets(traces.evidence, traces.t, events),
+                spared=sketch.since_onsets(traces.spared, traces.t, events),
+            )
+            for traces in (sketch.unpacked(table, m, mixture) for table in (whole, _within(near, span)))
+        )
 
     def _warnings(self, isolation: Isolation, foreign: str) -> tuple[str, ...]:
         known = cautions(self.as_logged, isolation, self.rate) if self.as_logged else ()
@@ -323,43 +354,34 @@ class Diagnosis:
         )
 
 
+def _around(at: float) -> sketch.Span:
+    return at - ZOOM_BEFORE_S, at + ZOOM_AFTER_S
+
+
+def _shown(onset: float, isolated: float | None) -> list[sketch.Span]:
+    """The span around an onset, which reaches past the isolation; far from each other, one span each."""
+    low, high = _around(onset)
+    if isolated is None:
+        return [(low, high)]
+    if isolated - onset <= ONE_SPAN_S:
+        return [(low, max(high, isolated + NEAR_S))]
+    return [(low, high), (isolated - NEAR_S, isolated + NEAR_S)]
+
+
+def _within(table: Array, span: sketch.Span) -> Array:
+    return table[(table[:, 0] >= span[0]) & (table[:, 0] <= span[1])] if table.size else table
+
+
+def _moments(event: Event) -> list[sketch.Span]:
+    """What matters of a fault: its onset, its isolation, its end, and where the move told it only at its end."""
+    onset = event.onset_s if event.onset_s is not None else event.detected_s
+    spans = [] if onset is None else _shown(onset, event.isolated_s)
+    return spans + [(at - NEAR_S, at + NEAR_S) for at in (event.over_s, event.end_s) if at is not None]
+
+
 def _agree(whole: float | None, bank: float | None) -> bool:
     """Whether the whole move sees the onset where the bank does, whose interval is then the finer one."""
     return whole is None or (bank is not None and abs(whole - bank) <= ONSETS_AGREE_S)
-
-
-class Zoom:
-    """Every row within a window around a point that may still move to an earlier or later chunk."""
-
-    def __init__(self) -> None:
-        self.table: Array | None = None
-        self.point: float | None = None
-        self.tail: Array | None = None
-
-    def add(self, t: Array, rows_of: Callable[[slice], Array], point: float | None) -> None:
-        """Take the next samples: t (n,) and what makes rows of them; point: what to show [s], None where nothing has happened."""
-        before = self.tail if self.tail is not None else rows_of(slice(0, 0))
-        if point is not None:
-            low, high = point - ZOOM_BEFORE_S, point + ZOOM_AFTER_S
-            fresh = slice(int(np.searchsorted(t, low)), int(np.searchsorted(t, high, "right")))
-            near = np.vstack((before[(before[:, 0] >= low) & (before[:, 0] <= high)], rows_of(fresh)))
-            moved = self.point is not None and abs(point - self.point) > 1e-9
-            if self.table is None or moved:
-                self.table = near if near.size or self.table is None else self.table
-            elif near.size:
-                later = near[near[:, 0] > self.table[-1, 0]] if self.table.size else near
-                self.table = np.vstack((self.table, later))
-            self.point = point
-        last = t[-1] - 1.0
-        self.tail = np.vstack(
-            (before[before[:, 0] >= last], rows_of(slice(int(np.searchsorted(t, last)), None)))
-        )
-
-    def result(self) -> Array:
-        """The rows of the window; the last second of the log where there is nothing to show."""
-        if self.table is not None and self.table.size:
-            return self.table
-        return self.tail if self.tail is not None else np.empty((0, 0))
 
 
 class Baseline:

@@ -1,23 +1,36 @@
-"""What is drawn of a log: a decimated overview that keeps extremes, in bounded memory, and every sample of a short zoom."""
+"""What is drawn of a log, in bounded memory: the whole of it decimated with its extremes kept, and every sample near
+the moments that matter; beside it, what those samples say for each hypothesis, and what the verdict makes of it.
+"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.physics import Rig
+from observer_fi.physics import LABELS, Rig, label_of
 from observer_fi.physics import paper_residuals as residuals
-from observer_fi.records import Array, Estimate, Log, Traces
+from observer_fi.records import Array, Estimate, Event, Log, Traces
 
 BUCKETS = 600  # at most twice as many are held; each keeps up to six rows: the extremes of the three channels
+MOST_SAMPLES = 3000  # kept near moments: 2 s of 1600 Hz, so that the page of a short log stays below 1.5 MB,
+MORE_A_SECOND = 4.0  # and so many more a second of the log, so that an hour's stays below 5 MB
+REMEMBERED_S = 1.0  # of the samples before a chunk: a moment may turn out to lie in them
+MOST_NATS = (
+    50.0  # by which one sample may tell against a hypothesis: a filter that starts anew says "impossible"
+)
+
+Rows = Callable[[NDArray[np.int64] | slice], Array]
+Span = tuple[float, float]
 
 
 def rows(
-    log: Log, e: Estimate, rig: Rig, drawn: Array, which: NDArray[np.int64] | slice = slice(None)
-) -> Array:
-    """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations.
+    log: Log, e: Estimate, rig: Rig, drawn: Array, evidence: Array,
+    which: NDArray[np.int64] | slice = slice(None),
+) -> Array:  # fmt: skip
+    """One row a sample: t, z, w, command, pitch, probability (m), predicted (3 m), w predicted (m), norm (m), innovations,
+    evidence (4 m).
 
-    drawn: (n, 3) all readings, of which the filters took those of `log`.
+    drawn: (n, 3) all readings, of which the filters took those of `log`; evidence: (n, 4 m) see `Evidence`.
     """
     p, z, predicted = rig.model.vector, drawn[which], e.predicted[which]
     n, m, _ = predicted.shape
@@ -29,21 +42,158 @@ def rows(
         (
             log.t[which], z, residuals.speed(z, p), log.w_cmd[which], log.pitch[which], e.probability[which],
             predicted.reshape(n, 3 * m), residuals.speed(predicted, p), norm, e.normalised[which],
+            evidence[which],
         )
     )  # fmt: skip
 
 
 def unpacked(table: Array, m: int, mixture: tuple[Array, Array, Array] | None = None) -> Traces:
     """The rows of `rows` as Traces of m hypotheses, with the mixture's times, norms and predictions where it ran."""
-    cuts = np.cumsum([1, 3, 1, 1, 1, m, 3 * m, m, m, 3])
-    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen = np.split(
+    cuts = np.cumsum([1, 3, 1, 1, 1, m, 3 * m, m, m, 3, m, 3 * m])
+    t, z, w, w_cmd, pitch, probability, predicted, w_predicted, norm, seen, evidence, spared = np.split(
         table, cuts[:-1], axis=1
     )
     mixture_t, mixture_norm, mixture_y = mixture or (np.empty(0), np.empty((0, 3)), np.empty((0, 3, 3)))
     return Traces(
         t[:, 0], z, w[:, 0], w_cmd[:, 0], pitch[:, 0], probability, predicted.reshape(-1, m, 3), w_predicted, norm, seen,
-        mixture_t, mixture_norm, mixture_y,
+        mixture_t, mixture_norm, mixture_y, evidence, spared.reshape(-1, m, 3), probability,
     )  # fmt: skip
+
+
+class Evidence:
+    """What the samples of a move so far say for each hypothesis [nats], as far as it moves; a rest says nothing."""
+
+    def __init__(self) -> None:
+        self.before: Array | None = None  # at the end of the last chunk
+
+    def add(self, e: Estimate, z: Array, std: Array, starts: Iterable[float]) -> Array:
+        """The evidence at each of the next samples, (n, 4 m): how likely each hypothesis made them, less than the best of each
+        sample did (m), and minus half its squared residuals over the noise, channel by channel (3 m).
+
+        z (n, 3) readings; std (3,) their noise; starts: when moves began [s].
+        """
+        told = np.column_stack((_less_likely(e), _spared(e, z, std)))
+        before = np.zeros(told.shape[1]) if self.before is None else self.before
+        found = before + np.cumsum(np.where(e.active[:, None], told, 0.0), axis=0)
+        for start in sorted(starts):
+            k = int(np.searchsorted(e.t, start))
+            if k < e.t.size and e.t[k] == start:
+                found[k:] -= found[k - 1] if k else before
+        if e.t.size:
+            self.before = found[-1].copy()
+        return found
+
+
+def _less_likely(e: Estimate) -> Array:
+    """Log-density of each sample under each hypothesis less that of the best, (n, m)."""
+    if not e.density.size:
+        return np.zeros_like(e.probability)
+    told = np.nan_to_num(e.density, nan=0.0)
+    return np.maximum(told - told.max(axis=1, keepdims=True), -MOST_NATS)
+
+
+def _spared(e: Estimate, z: Array, std: Array) -> Array:
+    """Minus half the squared residual of each hypothesis over the noise, channel by channel, (n, 3 m)."""
+    half = 0.5 * np.nan_to_num((z[:, None, :] - e.predicted) / std) ** 2
+    return -np.minimum(half, MOST_NATS).reshape(len(z), -1)
+
+
+def as_judged(traces: Traces, modes: tuple[str, ...], events: Sequence[Event]) -> Array:
+    """Probabilities of the labels (k, 7), in the order of `LABELS`, as the verdicts on the moves leave them.
+
+    From the moment on at which a verdict was certain, at the latest at the end of its move, the bank's probabilities give
+    way to those of the verdict wherever they favour another label: an absolute test or the whole move has overruled them,
+    which may know a fault that is no hypothesis of the bank.
+    """
+    labels = [label_of(mode) for mode in modes]
+    p = np.column_stack(
+        [traces.probability[:, [own == label for own in labels]].sum(axis=1) for label in LABELS]
+    )
+    for event in events:
+        last = int(np.searchsorted(traces.t, event.end_s, "right")) - 1
+        since = event.end_s if event.isolated_s is None else event.isolated_s
+        first = min(int(np.searchsorted(traces.t, since)), last)
+        if first < 0 or traces.t[last] < event.start_s:
+            continue
+        here = p[first : last + 1]
+        here[here.argmax(axis=1) != LABELS.index(event.label)] = [event.posterior[label] for label in LABELS]
+    return p
+
+
+def since_onsets(evidence: Array, t: Array, events: Sequence[Event]) -> Array:
+    """Evidence (k, ...) from the onset of each fault on, or from the start of a healthy move; NaN where there is no move.
+
+    t (k,) s. Before an onset the samples speak for the healthy hypothesis, which says nothing of what came then.
+    """
+    found = np.full_like(evidence, np.nan)
+    for event in events:
+        begin = event.start_s if event.onset_s is None else event.onset_s
+        first, last = int(np.searchsorted(t, begin)), int(np.searchsorted(t, event.end_s, "right"))
+        if first < last:
+            found[first:last] = evidence[first:last] - evidence[first]
+    return found
+
+
+class Samples:
+    """Every sample within spans of time, which may turn out to matter after their samples have passed."""
+
+    def __init__(self) -> None:
+        self.kept: list[Array] = []
+        self.count, self.most, self.first = 0, float(MOST_SAMPLES), np.nan
+        self.tail: Array | None = None
+        self.chunk: tuple[Array, Rows] | None = None
+
+    def add(self, t: Array, rows_of: Rows, spans: Iterable[Span]) -> None:
+        """Take the next samples: t (n,) and what makes rows of them; spans: what is known to matter [s]."""
+        if self.chunk is not None:
+            self.tail = self._end(*self.chunk)
+        self.chunk = t, rows_of
+        self.first = t[0] if np.isnan(self.first) else self.first
+        self.most = MOST_SAMPLES + MORE_A_SECOND * (t[-1] - self.first)
+        self.keep(spans)
+
+    def _end(self, t: Array, rows_of: Rows) -> Array:
+        """The rows of the last second up to the end of the chunk, at most."""
+        last = t[-1] - REMEMBERED_S
+        fresh = rows_of(slice(int(np.searchsorted(t, last)), None))
+        return fresh if self.tail is None else np.vstack((self.tail[self.tail[:, 0] >= last], fresh))
+
+    def keep(self, spans: Iterable[Span]) -> None:
+        """Keep the samples of these spans that are at hand: those of the last chunk, and of a second before it."""
+        if self.chunk is None:
+            return
+        t, rows_of = self.chunk
+        for low, high in spans:
+            if high < t[0] - REMEMBERED_S or low > t[-1]:
+                continue
+            fresh = slice(int(np.searchsorted(t, low)), int(np.searchsorted(t, high, "right")))
+            self._take(rows_of(fresh))
+            if self.tail is not None and self.tail[0, 0] <= high and self.tail[-1, 0] >= low:
+                self._take(self.tail[(self.tail[:, 0] >= low) & (self.tail[:, 0] <= high)])
+
+    def _take(self, table: Array) -> None:
+        for known in self.kept:
+            table = table[~np.isin(table[:, 0], known[:, 0])]
+        if table.size and self.count + len(table) <= self.most:
+            self.kept.append(table)
+            self.count += len(table)
+            if len(self.kept) > 16:
+                self.kept = [np.vstack(self.kept)]
+
+    def result(self) -> Array:
+        """The rows kept, in order; the last second of the log where none are."""
+        if not self.kept:
+            return self._end(*self.chunk) if self.chunk is not None else np.empty((0, 0))
+        table = np.vstack(self.kept)
+        return table[np.argsort(table[:, 0], kind="stable")]
+
+
+def together(whole: Array, near: Array) -> Array:
+    """Two tables of rows of one log as one, each sample once, in order."""
+    if not near.size or not whole.size:
+        return whole
+    both = np.vstack((whole, near))
+    return both[np.unique(both[:, 0], return_index=True)[1]]
 
 
 class Overview:

@@ -260,7 +260,7 @@ def test_improve_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path:
     assert [f["cause"] for f in result["findings"]] == ["viscous_friction"]
     assert result == json.loads((tmp_path / "bench" / "improve.json").read_text())
     written = {p.name for p in (tmp_path / "bench").iterdir()}
-    assert {"improve.json", "improve.html", "extended_rig.toml", "over_time.svg"} <= written
+    assert {"improve.json", "improve.html", "extended_rig.toml"} <= written
 
 
 def test_identify_takes_a_rig_that_is_driven_by_a_force(force_rig, run, tmp_path: Path) -> None:

@@ -124,7 +124,7 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
     held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
     assert held in files["improve.html"]
     assert "<h2>Which equation the data want to free</h2>" in files["improve.html"]
-    assert sticky.disturbances and files["disturbance_1.svg"] in files["improve.html"]
+    assert sticky.disturbances and 'id="charts-disturbance-0-over"' in files["improve.html"]
     assert "8 of 8" in files["improve.html"] and "40.0 ms" in files["improve.html"]
 
 

@@ -4,8 +4,7 @@ import numpy as np
 
 from observer_fi.improve.freed.smoothed_disturbance import BinnedDisturbance, SmoothedDisturbance
 from observer_fi.learn.linear import DISTURBANCES, TORQUE
-from observer_fi.report.chart import Figure
-from observer_fi.report.disturbance_figures import disturbance_figure, handy
+from observer_fi.report.disturbance_figures import handy, over_regressors, over_time
 
 
 def disturbance(n: int = 40000) -> SmoothedDisturbance:
@@ -19,31 +18,34 @@ def disturbance(n: int = 40000) -> SmoothedDisturbance:
     )
 
 
-def test_a_figure_has_every_panel_and_stays_small():
-    svg = disturbance_figure(disturbance(), 0)
-    assert svg.count("<clipPath") == 3
-    assert "torque [mN m]" in svg and "predicts 90 %" in svg and "position [mm]" in svg
-    assert len(svg) < 200_000
+def test_every_quantity_has_a_panel_with_its_band_and_its_share() -> None:
+    along, over = over_time(disturbance(), 0), over_regressors(disturbance(), 0)
+    assert [panel.unit for panel in (*along.panels, *over.panels)] == ["mN m"] * 3
+    titles = {panel.title for panel in over.panels}
+    assert titles == {"over position, predicts 90 %", "over time, predicts 10 %"}
+    directed = next(panel for panel in over.panels if "position" in panel.title)
+    assert [series.name for series in directed.series] == ["forward", "backward"]
+    for panel in (*along.panels, *over.panels):
+        for series in panel.series:
+            known = np.isfinite(series.y)
+            assert (series.low[known] < series.y[known]).all() and (
+                series.y[known] < series.high[known]
+            ).all()
+    assert len(along.json) + len(over.json) < 200_000
 
 
-def test_a_single_extreme_sample_survives():
-    y = np.zeros(50000)
-    y[12345] = 1.0
-    panel = Figure("f", 500, 200, "").panel(0.0, 0.0, 400.0, 100.0, (0.0, 1.0), (0.0, 1.0))
-    panel.ribbon(np.linspace(0.0, 1.0, y.size), y - 0.01, y, "#000")
-    heights = [
-        float(pair.split()[1])
-        for pair in panel.parts[0].split('"')[1].strip("MZ").replace("M", "L").split("L")
-    ]
-    assert min(heights) == 0.0
+def test_a_single_extreme_sample_and_a_gap_survive() -> None:
+    made = disturbance()
+    made.mean[12345] = 1e-3
+    (line,) = over_time(made, 0).panels[0].series
+    assert np.nanmax(line.y) == 1.0 and np.isnan(line.y).sum() == 1
 
 
-def test_a_ribbon_is_broken_where_nothing_is_known():
-    x, y = np.arange(6.0), np.array([0.0, 1.0, np.nan, 1.0, 0.5, np.nan])
-    panel = Figure("f", 500, 200, "").panel(0.0, 0.0, 400.0, 100.0, (0.0, 5.0), (0.0, 1.0))
-    panel.ribbon(x, y - 0.1, y + 0.1, "#000")
-    path = panel.parts[0].split('"')[1]
-    assert path.count("Z") == 2 and "nan" not in path
+def test_what_is_known_nowhere_is_drawn_empty() -> None:
+    made = disturbance(100)
+    made.mean[:] = np.nan
+    (panel,) = over_time(made, 0).panels
+    assert panel.limits == (-1.0, 1.0) and not np.isfinite(panel.series[0].y).any()
 
 
 def test_units_are_handy():
