@@ -16,7 +16,7 @@ from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import first_state as beginning
 from observer_fi.bank import log_feed as feed
 from observer_fi.logs import Row
-from observer_fi.physics import Rig, channel_of, label_of
+from observer_fi.physics import NOMINAL, Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.serve.recent import EVERY, Recent
 from observer_fi.serve.stream_word import StreamWord
@@ -257,6 +257,14 @@ class Live:
             change = list(self._told_late(told, self.moves, self.last, self.last.t.size - 1))
             yield rows_of(self.last, self.last.t.size, self.last.t.size), change
 
+    def _told_before(self, word: StreamWord, e: Estimate, k: int) -> Iterator[Change]:
+        """What a question that is still open says of the move before the one that begins at sample k."""
+        asked = word.question
+        told = word.answered()
+        if asked is not None and told is not None:
+            self.faulty += (told.label != NOMINAL) - (asked.event.label != NOMINAL)
+            yield from self._told_late(told, self.moves - 1, e, k)
+
     def _told_late(self, told: Event, moves: int, e: Estimate, k: int) -> Iterator[Change]:
         """The verdict on a move that has ended, at sample k."""
         if not self._already_reported(told):
@@ -336,9 +344,8 @@ class Live:
             return
         event = of_bank = tracker.verdict()
         if self.word is not None and self.fast is not None:
-            before = self.word.answered() if event.start_s != self.word.start_s else None
-            if before is not None:
-                yield from self._told_late(before, self.moves - 1, e, k)
+            if event.start_s != self.word.start_s:
+                yield from self._told_before(self.word, e, k)
             self.word.follow(float(e.t[k]), event, bool(e.active[k]), self.fast.ring)
             event = self.word.said(event)
         sure = event.probability if event is of_bank else certainty(event)
@@ -389,7 +396,7 @@ class Live:
             pass
         self.moves += isolator.current is not move
         for event in isolator.events:
-            self.faulty += self._said(event).label != "nominal"
+            self.faulty += self._said(event).label != NOMINAL
         isolator.events.clear()
 
 
