@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.physics import NOMINAL, UNKNOWN, Rig
+from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Event
 from observer_fi.serve.recent import Recent
 from observer_fi.settings import Settings
@@ -45,8 +45,8 @@ class StreamWord:
         self.told: tuple[str, Event] | None = None  # the label that was asked about, and the answer
         self.start_s, self.ask_s = np.nan, np.inf
         self.rested = False  # whether the end of the move was looked at
-        self.pause = {UNKNOWN: ASK_S, NOMINAL: REST_S}
-        self.not_before = {UNKNOWN: -np.inf, NOMINAL: -np.inf}
+        self.pause: dict[str, float] = {}  # by the label that was asked about
+        self.not_before: dict[str, float] = {}
 
     @property
     def next_s(self) -> float:
@@ -76,19 +76,20 @@ class StreamWord:
             if t >= self.question.due_s:
                 self.answered()
             return
-        if self.told is not None or not self._open(event, under_way):
+        if (self.told is not None and self.told[0] == event.label) or not self._open(event, under_way):
             self.ask_s = np.inf
         elif t >= self.ask_s:
             self._ask(t, event, recent)
         elif self.ask_s == np.inf and (under_way or not self.rested):
             self.rested = not under_way
-            self.ask_s = max(t + (ASK_S if under_way else REST_S), self.not_before[event.label])
+            self.ask_s = max(t + (ASK_S if under_way else REST_S), self.not_before.get(event.label, -np.inf))
 
     def _open(self, event: Event, under_way: bool) -> bool:
-        """Whether a move has no name, or was doubted and has ended healthy."""
+        """Whether a move has no name, or has ended: healthy after a doubt, or with a fault that has a size."""
         if event.label == UNKNOWN:
             return event.probability > self.settings.decision.isolated
-        return event.label == NOMINAL and not under_way and event.doubted_s is not None
+        sized = any(own.tells for own in FAULTS[event.label].sizes)
+        return not under_way and (sized or (event.label == NOMINAL and event.doubted_s is not None))
 
     def _ask(self, t: float, event: Event, recent: Recent) -> None:
         """Ask about the move as far as the sample at t [s]."""
@@ -113,7 +114,7 @@ class StreamWord:
         label = self.question.event.label
         told = self.question.answer.result()._replace(start_s=self.question.event.start_s)
         if told.label == label:
-            self.pause[label] = min(2.0 * self.pause[label], MOST_PAUSE_S)
+            self.pause[label] = min(2.0 * self.pause.get(label, ASK_S), MOST_PAUSE_S)
             self.not_before[label] = self.question.due_s + self.pause[label]
         else:
             self.pause[label], self.told = ASK_S, (label, told)
