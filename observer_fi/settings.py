@@ -73,8 +73,10 @@ class DecisionSettings:
     # So long a fault must have been certain for the whole move to be asked about it.
     doubt_s: float = 0.01
     # Nats over nominal that a fault of the whole move must have, and the probability from which another label is as good.
-    move_nats: float = 30.0
+    move_nats: float = 15.0
     alike: float = 0.01
+    # Odds of a fault against none from which a stop makes the whole move be asked. Healthy ones stay below 1 in 1000.
+    stop_odds: float = 0.01
     latch_nis: float = 4.0
     window_s: float = 0.1
     nis_limit: float = 2.0  # times the expected value

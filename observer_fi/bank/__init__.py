@@ -3,7 +3,14 @@
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.bank import compiled_bank, first_state, log_feed, transition
-from observer_fi.bank.bank_state import HypothesisState, bank_state_of, state_of, state_places, write_state
+from observer_fi.bank.bank_state import (
+    BankState,
+    HypothesisState,
+    bank_state_of,
+    state_of,
+    state_places,
+    write_state,
+)
 from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import REPEATING, Hypothesis, arrays, bank, of_a_move
@@ -18,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "REPEATING",
     "Bank",
+    "BankState",
     "LogSamples",
     "FilterpyBank",
     "Hypothesis",

@@ -84,7 +84,11 @@ def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
 def _gaussians(own: OwnState) -> tuple[OwnState, ...]:
     """The Gaussians that the prior of a fault's constant, and of its growth, is made of."""
     pairs = itertools.product(own.means or (own.mean,), own.growths or (own.growth,))
-    return tuple(own._replace(mean=mean, growth=growth) for mean, growth in pairs)
+    usual = tuple(own._replace(mean=mean, growth=growth) for mean, growth in pairs)
+    if own.creeps is None:
+        return usual
+    mean, std, growth = own.creeps
+    return (*usual, own._replace(mean=mean, std=std, growth=growth))
 
 
 def _wanted(row: FaultRow, settings: BankSettings) -> bool:

@@ -25,7 +25,8 @@ class OwnState(NamedTuple):
     tells: what the constant is called where it says how severe a fault is, and words: the same in a sentence, of its value.
     absolute: in its own unit and not as a share of what the rig file gives. low, high: what is believable of it.
     means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar. growths: of
-    several in place of `growth`, for a state that may stand or run away.
+    several in place of `growth`, for a state that may stand or run away. creeps: mean, std and growth of one more Gaussian, of a
+    fault that begins at nothing and grows slowly.
     """
 
     name: str
@@ -40,6 +41,7 @@ class OwnState(NamedTuple):
     high: float = math.inf
     means: tuple[float, ...] = ()
     growths: tuple[float, ...] = ()
+    creeps: tuple[float, float, float] | None = None
 
 
 def _itself(plant: Model, value: float) -> float:

@@ -198,6 +198,7 @@ FAULTS = table(
                 of_friction=True,
                 low=0.0,
                 growths=(0.05, 0.5),  # one that doubles within a second is followed by the second
+                creeps=(0.0, 0.05, 0.02),
             ),
         ),
         least=Least(

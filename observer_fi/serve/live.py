@@ -1,6 +1,6 @@
 """The bank and its verdicts on a stream: the numbers of a whole log, one sample or a small batch at a time.
 
-`LiveBank` allocates nothing per sample and remembers nothing but its state. `Live` adds the verdicts, and reports a
+`LiveBank` allocates nothing per sample and remembers its state and the last samples. `Live` adds the verdicts, and reports a
 change at the same sample whatever the batches were.
 """
 
@@ -11,12 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.bank import BankState, state_of
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import first_state as beginning
 from observer_fi.bank import log_feed as feed
 from observer_fi.logs import Row
-from observer_fi.physics import Rig, channel_of, label_of
+from observer_fi.physics import NOMINAL, Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
+from observer_fi.serve.recent import EVERY, Recent
+from observer_fi.serve.stream_word import StreamWord
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import (
     FEWEST_MOVING,
@@ -42,6 +45,7 @@ class LiveBank(kernels.Bank):
         super().__init__(rig, settings, filter_kind=filter_kind)
         self.w_cmd = np.empty(MOST)
         self.feed = self._room(1)
+        self.ring = Recent(1, MOST)
         self.out = kernels.written(MOST, len(self.hypotheses))
         self.views: dict[int, tuple[Array, kernels.LogSamples, kernels.Written, Estimate]] = {}
 
@@ -54,11 +58,17 @@ class LiveBank(kernels.Bank):
     def advance(self, log: Log) -> Estimate:
         """As the bank of a log, without the samples that it keeps for onsets."""
         estimate = super().advance(log)
-        self.recent = None
-        self.snapshots.clear()
         if self.feed.interval.shape[1] != 2 * self.commands.substeps:
             self.feed = self._room(self.commands.substeps)
+            self.ring = Recent(self.commands.substeps, MOST)
             self.views.clear()
+        for t, memory in self.snapshots:
+            self.ring.remember(t, memory)
+        if self.recent is not None:
+            for first in range(0, self.recent.t.size, MOST):
+                self.ring.add(self.recent.cut(first, first + MOST))
+        self.recent = None
+        self.snapshots.clear()
         return estimate
 
     def step(self, rows: Array) -> Estimate:
@@ -68,9 +78,23 @@ class LiveBank(kernels.Bank):
         w_cmd, now, out, estimate = self._views(len(rows))
         self.commands.fill(now.t, w_cmd, now.w_cmd, now.interval)
         now.active[:] = kernels.under_way(now.interval, now.w_cmd, now.t, self.state.t[0], self.soft)
-        self._run(now, out)
+        self._remembered(now, out, self.state)
         self.samples.t, self.samples.w, self.samples.theta = now.t[-1], w_cmd[-1], now.theta[-1]
         return estimate
+
+    def _remembered(self, now: kernels.LogSamples, out: kernels.Written, state: BankState) -> None:
+        """Run over the samples and keep them, and nominal's memory at every so many samples of the stream."""
+        first, n = 0, now.t.size
+        while first < n:
+            wanted = self.ring.until_memory()
+            if not wanted:
+                self.ring.remember(float(now.t[first]), state_of(state, 0, self.seats[0]))
+            last = min(first + (wanted or EVERY), n)
+            whole = first == 0 and last == n
+            part = now if whole else now.cut(first, last)
+            self._run(part, out if whole else out.cut(first, last))
+            self.ring.add(part)
+            first = last
 
     def _placed(self, rows: Array) -> bool:
         """Put samples into the arrays; whether `LogStream` would take them as they are."""
@@ -159,6 +183,7 @@ class Live:
         self.as_logged: AsLogged | None = None
         self.reported: tuple[str, str | None] | None = None
         self.samples = self.moves = self.faulty = 0
+        self.last: Estimate | None = None
 
     def add(self, rows: Sequence[Row] | Array) -> Iterator[tuple[Estimate, list[Change]]]:
         """The estimate of the samples, with tested probabilities, and the changes that they bring, batch by batch."""
@@ -223,6 +248,28 @@ class Live:
         if table is not None and table.size:
             self._begin(table)
             yield from self._batches(table, self._first)
+        yield from self._answered()
+
+    def _answered(self) -> Iterator[Judged]:
+        """What a question that is still open says of the last move."""
+        told = None if self.word is None else self.word.answered()
+        if told is not None and self.last is not None:
+            change = list(self._told_late(told, self.moves, self.last, self.last.t.size - 1))
+            yield rows_of(self.last, self.last.t.size, self.last.t.size), change
+
+    def _told_before(self, word: StreamWord, e: Estimate, k: int) -> Iterator[Change]:
+        """What a question that is still open says of the move before the one that begins at sample k."""
+        asked = word.question
+        told = word.answered()
+        if asked is not None and told is not None:
+            self.faulty += (told.label != NOMINAL) - (asked.event.label != NOMINAL)
+            yield from self._told_late(told, self.moves - 1, e, k)
+
+    def _told_late(self, told: Event, moves: int, e: Estimate, k: int) -> Iterator[Change]:
+        """The verdict on a move that has ended, at sample k."""
+        if not self._already_reported(told):
+            self.reported = told.label, told.channel
+            yield Change(float(e.t[k]), told, moves, self.samples - e.t.size + k + 1)
 
     def _begin(self, table: Array) -> None:
         """Fit the bank to what the first samples, (n, 6), show of the readings."""
@@ -234,6 +281,7 @@ class Live:
         compiled = self.engine == "compiled"
         self.fast = LiveBank(rig, settings.bank, self.filter_kind) if compiled else None
         self.bank = self.fast or make_bank(rig, settings, self.engine, self.filter_kind)
+        self.word = StreamWord(rig, settings, self.fast) if self.fast else None
 
     @staticmethod
     def _ready(table: Array) -> bool:
@@ -245,14 +293,18 @@ class Live:
     def verdict(self) -> Event:
         """The verdict on the move under way, or on the last one."""
         tracker = self.isolator.current
-        return log_verdict([]) if tracker is None or not self._tested() else tracker.verdict()
+        return log_verdict([]) if tracker is None or not self._tested() else self._said(tracker.verdict())
+
+    def _said(self, event: Event) -> Event:
+        """The bank's verdict on a move, or what the whole move said."""
+        return event if self.word is None else self.word.said(event)
 
     def _tested(self) -> bool:
         return self.moving >= FEWEST_MOVING
 
     def _judged(self, e: Estimate) -> tuple[Estimate, list[Change]]:
         self.samples += e.t.size
-        e = tested(e, self.settings)
+        e = self.last = tested(e, self.settings)
         return e, list(self._changes(e) if e.t.size > 1 else self._sample(e, 0))
 
     def _changes(self, e: Estimate) -> Iterator[Change]:
@@ -267,6 +319,12 @@ class Live:
 
     def _stretch(self, e: Estimate, first: int, last: int) -> Iterator[Change]:
         """At once where no sample can change the verdict, else each half for itself."""
+        due = last if self.word is None else first + int(np.searchsorted(e.t[first:last], self.word.next_s))
+        if due < last and last - first > 2:
+            yield from self._stretch(e, first, due)
+            yield from self._sample(e, due)
+            yield from self._stretch(e, due + 1, last)
+            return
         if last - first > 2:
             if (e.active[first] and not self._tested()) or not self._quiet(rows_of(e, first, last)):
                 middle = (first + last) // 2
@@ -284,8 +342,14 @@ class Live:
         tracker = self.isolator.current
         if tracker is None or not self._tested():
             return
-        event = tracker.verdict()
-        if self._already_reported(event) or (e.active[k] and event.probability < self.settings.isolated):
+        event = of_bank = tracker.verdict()
+        if self.word is not None and self.fast is not None:
+            if event.start_s != self.word.start_s:
+                yield from self._told_before(self.word, e, k)
+            self.word.follow(float(e.t[k]), event, bool(e.active[k]), self.fast.ring)
+            event = self.word.said(event)
+        sure = event.probability if event is of_bank else certainty(event)
+        if self._already_reported(event) or (e.active[k] and sure < self.settings.isolated):
             return
         self.reported = event.label, event.channel
         yield Change(float(e.t[k]), event, self.moves, self.samples - e.t.size + k + 1)
@@ -310,7 +374,9 @@ class Live:
         if before is None or now is None:
             quiet = before is now
         else:
-            quiet = now.grounds() == before.grounds() and self._silent(now.verdict(), e, int(winner[0]))
+            quiet = now.grounds() == before.grounds() and self._silent(
+                self._said(now.verdict()), e, int(winner[0])
+            )
         if quiet:
             self.isolator = trial
         return quiet
@@ -330,8 +396,13 @@ class Live:
             pass
         self.moves += isolator.current is not move
         for event in isolator.events:
-            self.faulty += event.label != "nominal"
+            self.faulty += self._said(event).label != NOMINAL
         isolator.events.clear()
+
+
+def certainty(event: Event) -> float:
+    """Probability of the verdict or of what cannot be told from it."""
+    return sum(event.posterior[label] for label in (event.label, *event.alike))
 
 
 def rows_of(e: Estimate, first: int, last: int) -> Estimate:

@@ -24,6 +24,7 @@ from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 # What shows later than this after its begin is not counted: what grows slowly must first be doubted.
 SEEN_S = 2.0 * max(TIMES_S)
+TIMED = 2.0  # times the nats of a verdict, with which a fault is not only found but its begin told
 SURE = 1.645  # standard deviations of the evidence: 19 such faults of 20 give as much
 
 
@@ -60,7 +61,8 @@ def could_show(
             continue
         free = next(h for h in hypotheses if h.label == label)
         trial = _Trial(row, row.least, (hypotheses[0], free), half, filters)
-        told = trial.shortest(settings.move_nats) if row.least.lasts else trial.smallest(settings.move_nats)
+        nats = TIMED * settings.move_nats
+        told = trial.shortest(nats) if row.least.lasts else trial.smallest(nats)
         if told is None:
             blind.append(label)
         else:

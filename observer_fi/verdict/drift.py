@@ -13,7 +13,8 @@ from observer_fi.records import Array, Event, Severity
 
 TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
 # Standard deviations of such a mean. Healthy moves over nine kinds of command reach 5.3; a false one costs a look at the move.
-LIMIT = 6.0
+LIMIT = 5.5
+STOP_S = 0.5  # of the stop and the rest after a move belong to it: a mass that stands off by half its noise shows by then
 SURE, Z95 = 0.95, 1.959964
 CHANNELS = slice(
     1, 3

@@ -17,12 +17,13 @@ from observer_fi.bank import usual_step
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
 from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import Drift
+from observer_fi.verdict.drift import STOP_S, Drift
 from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
 SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
 SETTLING = 8  # samples after a change of winner
+TINY = 1e-300  # a probability that is none
 AT_START_S = 0.02  # of a move: a fault may have been there before it
 
 
@@ -107,6 +108,8 @@ class EventTracker:
         self.unsettled = np.zeros(SETTLING - 1, dtype=np.bool_)
         self.misfits: dict[int, float] = {}
         self.strained: set[int] = set()
+        self.stop_nats = np.zeros(len(modes))
+        self.stop_doubt: float | None = None
         self.rest_nis = np.zeros(len(modes))
         self.rest_samples = 0
         self.dof = 3.0  # channels
@@ -123,6 +126,7 @@ class EventTracker:
             return
         if e.active.any():
             self._add_motion(_rows(e, e.active), window)
+        self._add_stop(_rows(e, ~e.active), window)
         self._add_rest(e.nis[~e.active])
 
     def _add_motion(self, e: Estimate, window: int) -> None:
@@ -234,6 +238,27 @@ class EventTracker:
             if over.size:
                 self.not_nominal = float(e.t[over[-1] + window - 1 - self.nominal_ratios.size])
         self.nominal_ratios = joined[-(window - 1) :]
+
+    def _add_stop(self, e: Estimate, window: int) -> None:
+        """Doubt a move where its stop makes a fault likely that its motion did not: it began as the motor was being stopped.
+
+        What a stop says condemns no move; the whole move is asked about it.
+        """
+        p, usual = self._at_the_end(), self.settings.window_s / max(window, 1)
+        left = round(STOP_S / usual) - self.rest_samples if window else 0
+        if self.drift is None or p is None or left <= 0:
+            return
+        ours = np.where((e.probability[:left].argmax(axis=1) == 0)[:, None], e.normalised[:left], 0.0)
+        self.drift.add(e.t[:left], ours, usual)
+        if not e.density.size or self.stop_doubt is not None:
+            return
+        gains = np.nan_to_num(e.density[:left] - e.density[:left, :1]).cumsum(axis=0) + self.stop_nats
+        self.stop_nats = gains[-1]
+        faults = self._faults()
+        odds = np.log(np.maximum(p[faults], TINY) / max(float(p[0]), TINY)) + gains[:, faults]
+        likely = np.flatnonzero((odds > np.log(self.settings.stop_odds)).any(axis=1))
+        if likely.size:
+            self.stop_doubt = float(e.t[likely[0]])
 
     def _add_rest(self, nis: Array) -> None:
         """Sum the NIS of every hypothesis over the stop and rest, at most ten times its expectation a sample."""
@@ -347,9 +372,9 @@ class EventTracker:
         )  # fmt: skip
 
     def _first_doubt(self) -> float | None:
-        """When nominal was first doubted: by another hypothesis for a moment, or by innovations that stay on one side."""
-        doubts = [s for s in (self.first_doubt, self.drift.since if self.drift else None) if s is not None]
-        return min(doubts, default=None)
+        """When nominal was first doubted: by another hypothesis for a moment, by innovations that stay on one side, or a stop."""
+        doubts = (self.first_doubt, self.drift.since if self.drift else None, self.stop_doubt)
+        return min((s for s in doubts if s is not None), default=None)
 
 
 def _rows(e: Estimate, rows: slice | Mask) -> Estimate:

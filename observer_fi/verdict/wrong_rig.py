@@ -8,6 +8,7 @@ from observer_fi.records import Consistency, Event, Outcome
 SAID = "this rig file does not describe this machine"
 FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
 FAR_UNKNOWN = 4.0  # the same where the free hypothesis itself has won
+CLEAN_S = 0.05  # of motion before a fault that nominal explains: on a wrong rig it explains none
 AT_ONCE_S = 4e-3  # after a start: no fault comes with the motion, but a wrong rig does
 
 
@@ -28,15 +29,24 @@ def _from_the_start(verdict: Event) -> bool:
     return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
 
 
+def _explained(verdict: Event) -> bool:
+    """Whether the whole move is explained by a fault whose size it tells, and by none in the motion before it."""
+    onset = verdict.onset_s
+    return bool(verdict.severity) and onset is not None and onset - verdict.start_s >= CLEAN_S
+
+
 def wrong_rig(
     verdict: Event, events: Sequence[Event], consistency: Consistency, suspects: Sequence[str]
 ) -> str:
     """Why a fault that was found is none, "" where it may be one. suspects: what is odd about the size of channels.
 
-    A rig that one move fits, the first of `events`, is this machine's. The free hypothesis follows any torque and any voltage, so
+    A rig that one move fits, the first of `events`, is this machine's, and one whose move a fault of some size explains that
+    begins in motion which nominal does. The free hypothesis follows any torque and any voltage, so
     that even a fault without a name leaves it small innovations.
     """
     if verdict.label in (NOMINAL, NOT_TESTED) or (events and events[0].label == NOMINAL):
+        return ""
+    if not suspects and _explained(verdict):
         return ""
     if suspects:
         return f"{SAID}, or a column has another unit or sign than its map says: {suspects[0]}"

@@ -249,3 +249,36 @@ def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
     assert found is not None
     assert [e.label for e in found.events] == ["nominal", "jam"]
+
+
+@pytest.mark.parametrize("seed", [83007, 83015])
+def test_friction_that_creeps_up_by_a_few_percent_is_a_jam(seed: int) -> None:
+    """Nominal follows it, and an obstacle without a loss of travel would fit it better than a jam that sets in at once."""
+    spec = hidden.draw_severity_case(seed, "jam_growing")
+    v = of(replace(spec, fault=replace(spec.fault, size=0.06)), seed)
+    assert v.label == "jam" or "jam" in v.alike
+
+
+@pytest.mark.parametrize(
+    ("label", "before"), [("coupling_loss", 0.005), ("jam", 0.005), ("coupling_loss", -0.001)]
+)
+def test_a_fault_as_the_motor_is_stopped_is_no_all_clear(label: str, before: float) -> None:
+    assert verdict(hidden.Fault(label, MOVE.moves[0].brake_s - before)).label == label
+
+
+@pytest.mark.parametrize(("seed", "shape"), [(88002, "staircase"), (83013, "without_rests")])
+def test_a_fault_behind_healthy_motion_is_no_other_machine(seed: int, shape: str) -> None:
+    """The bank alone is far from what is left of the motor; the whole move fits."""
+    v = of(hidden.draw_severity_case(seed, "coupling_loss", shape), seed)
+    assert v.label == "coupling_loss"
+
+
+def test_the_start_of_a_soft_ramp_leaves_no_unknown_that_nominal_explains() -> None:
+    assert of(hidden.draw_severity_case(83218, "nominal", "s_curve"), 83218).label == "nominal"
+
+
+def of(spec: hidden.TruthSpec, seed: int) -> Event:
+    """The verdict on a drawn move."""
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
+    assert found is not None
+    return found.verdict

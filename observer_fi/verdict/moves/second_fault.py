@@ -31,23 +31,25 @@ class Lasted(NamedTuple):
 
 
 def lasted(path: Path, whole: WholeMove) -> Lasted | None:
-    """How long a path explains its move; None where to its end."""
+    """How long a path explains its move; None where until the motor stops: what a stop adds is no second fault."""
     h = path.hypothesis
+    if path.begin >= whole.moving:
+        return None
     entered = whole.entered(path)
     memories, nis = whole.followed(h, entered, path.begin)
-    stop = whole.n if path.end is None else path.end
-    until = _misfits(nis[: stop - path.begin], whole.expected(h), whole)
+    stop = whole.moving if path.end is None else min(path.end, whole.moving)
+    until = first_misfit(nis[: stop - path.begin], whole.expected(h), whole)
     if until is not None:
         return Lasted(path.begin + until, h, path.begin, entered)
-    if path.end is None:
+    if path.end is None or whole.lasts(path):
         return None
     back = whole.healed(path)
     _, later = whole.followed(whole.nominal, back, path.end)
-    until = _misfits(later, whole.expected(whole.nominal), whole)
+    until = first_misfit(later[: whole.moving - path.end], whole.expected(whole.nominal), whole)
     return None if until is None else Lasted(path.end + until, whole.nominal, path.end, back)
 
 
-def _misfits(nis: Array, expected: float, whole: WholeMove) -> int | None:
+def first_misfit(nis: Array, expected: float, whole: WholeMove) -> int | None:
     """First sample of a window over which the mean NIS is beyond what a right filter shows, None where there is none."""
     window = max(LEFT, round(WINDOW_S / whole.interval))
     soon = round(SOON_S / whole.interval)

@@ -60,10 +60,10 @@ class Begin(NamedTuple):
     near: HypothesisState | None
 
 
-def window_of(event: Event, bank: Bank) -> tuple[LogSamples, HypothesisState] | None:
+def window_of(event: Event, bank: Bank, rest_s: float = 0.0) -> tuple[LogSamples, HypothesisState] | None:
     """The samples of a move from a rest before it to its last one under way, and nominal's memory before them.
 
-    None where they are no longer at hand.
+    rest_s: so long the stop and the rest after it belong to them. None where they are no longer at hand.
     """
     recent = bank.recent
     starts = [(t, m) for t, m in bank.snapshots if t <= event.start_s]
@@ -74,13 +74,15 @@ def window_of(event: Event, bank: Bank) -> tuple[LogSamples, HypothesisState] | 
     first = int(np.searchsorted(recent.t, since - 1e-9))
     if not under_way.size or under_way[-1] + 1 - first < 2:
         return None
-    return recent.cut(first, int(under_way[-1]) + 1), memory
+    stopped = min(event.end_s, float(recent.t[under_way[-1]]) + rest_s)
+    return recent.cut(first, int(np.searchsorted(recent.t, stopped, "right"))), memory
 
 
 class WholeMove:
-    """A move as samples from the rest before it to its last one under way.
+    """A move as samples from the rest before it to its last one under way, or on into the stop and the rest after it.
 
-    hypotheses: those of the bank, nominal first. memory: of nominal before the window's first sample.
+    hypotheses: those of the bank, nominal first. memory: of nominal before the window's first sample. moving: samples up to
+    the last one under way.
     """
 
     def __init__(
@@ -88,6 +90,8 @@ class WholeMove:
     ) -> None:
         self.nominal, self.faults = hypotheses[0], tuple(hypotheses[1:])
         self.window, self.n, self.filters = window, window.t.size, filters
+        under_way = np.flatnonzero(window.active)
+        self.moving = int(under_way[-1]) + 1 if under_way.size else self.n
         self.interval = float(np.median(np.diff(window.t)))
         self.looks = tuple(max(LEFT, round(look / self.interval)) for look in LOOKS_S)
         self.memories, density, self.nis = self._follow(self.nominal, memory, 0)
@@ -172,8 +176,13 @@ class WholeMove:
         return Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
 
     def direction(self, k: int) -> float:
-        """Sign of the commanded speed at sample k."""
-        return float(np.sign(self.window.w_cmd[k]))
+        """Sign of the commanded speed at sample k; in a stop and the rest after it of the speed before."""
+        commanded = np.flatnonzero(self.window.w_cmd[: min(k + 1, self.moving)])
+        return float(np.sign(self.window.w_cmd[commanded[-1]])) if commanded.size else 0.0
+
+    def lasts(self, path: Path) -> bool:
+        """Whether the fault of a path is there until the motor stops."""
+        return path.end is None or path.end >= self.moving
 
     def expected(self, h: Hypothesis) -> float:
         """Readings of a sample that a hypothesis believes, on average: what its NIS is expected to be."""
