@@ -20,7 +20,7 @@ import pandas as pd
 
 from observer_fi.cli import main as command
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.learn import identified_rig, identify
+from observer_fi.learn import identified_rig, identify, with_equation_errors
 from observer_fi.logs import log_from_frame, with_command, with_logger
 from observer_fi.physics import Rig, load_rig
 from observer_fi.records import Log
@@ -66,7 +66,7 @@ def _learned(actuator: hidden.Actuator) -> Rig:
     rig = _from_sheet(actuator)
     frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), actuator.seed)
     log = _read(frame, rig)
-    return with_logger(identified_rig(identify([log], rig), rig), [log])
+    return with_equation_errors(with_logger(identified_rig(identify([log], rig), rig), [log]), [log])
 
 
 def _read(frame: pd.DataFrame, rig: Rig) -> Log:

@@ -98,7 +98,8 @@ class Identification:
     @cached_property
     def rig(self) -> Rig:
         """The rig with the values that were learned."""
-        return with_logger(learn.identified_rig(self.fit, self.before), self.logs)
+        learned = with_logger(learn.identified_rig(self.fit, self.before), self.logs)
+        return learn.with_equation_errors(learned, self.logs)
 
     @property
     def verdict(self) -> str:

@@ -212,7 +212,7 @@ class Watch:
     ) -> None:
         self.options, self.name, self.out, self.complain = options, name, out, complain
         rig = options.rig
-        self.parser = Parser(name, options.columns, rig.driven.command, rig.model.vector)
+        self.parser = Parser(name, options.columns, rig.law, rig.model.vector)
         self.splitter, self.clock = Splitter(), Clock()
         self.live = self._new_live()
         self.rows: list[Row] = []
