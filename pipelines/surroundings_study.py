@@ -3,7 +3,7 @@
     python -m pipelines.surroundings_study [--healthy 6] [--faulty 4] [--kinds "winding 30 K warmer" ...] [--alone]
 
 Moves of the paper's rig, another draw of it a kind, in each of the surroundings of tests/hidden/surroundings.py: with the rig
-file alone, and with the rig that `identify` makes of three healthy campaigns (a usual day, one half way, one in these surroundings).
+file alone, and with the rig that `identify` makes of three healthy campaigns (a usual day, one half way, one in these).
 Seeds from 96000 on: none of them was looked at while anything was chosen.
 """
 
