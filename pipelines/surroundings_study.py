@@ -97,7 +97,7 @@ def table(frame: pd.DataFrame) -> str:
             "faulty moves": len(faulty), "right": int(faulty["right"].sum()), "confident and wrong": int(part["confident"].sum()),
             "said otherwise": ", ".join(f"{said} {n}" for said, n in wrong.items()),
         })  # fmt: skip
-    return markdown(pd.DataFrame(rows))
+    return markdown(pd.DataFrame(rows).set_index("surroundings"))
 
 
 def totals(frame: pd.DataFrame) -> str:
@@ -111,7 +111,7 @@ def totals(frame: pd.DataFrame) -> str:
             "false alarms": int((~healthy["right"]).sum()), "confident and wrong": int(part["confident"].sum()),
             **{f"{name}, median delay [ms]": f"{value:.3g}" for name, value in late.items()},
         })  # fmt: skip
-    return markdown(pd.DataFrame(rows))
+    return markdown(pd.DataFrame(rows).set_index("rig"))
 
 
 def summary(frame: pd.DataFrame, first: int) -> str:
