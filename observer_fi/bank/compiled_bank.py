@@ -305,7 +305,7 @@ class Bank:
 
     def start(self, z0: Array, command0: float) -> BankState:
         """The memory before the first sample (see `beginning.start`)."""
-        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0, self.rig.driven))
+        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0, self.rig.watched))
 
     def memory(self) -> "Bank":
         """This bank as an onset sees it now, whatever `advance` does later."""

@@ -524,7 +524,7 @@ class FilterpyBank:
     def _begin(self, log: Log, command0: float) -> LogIMM:
         for f, first in zip(
             self.filters,
-            start(self.hypotheses, self.arrays, first_readings(log.z), command0, self.rig.driven),
+            start(self.hypotheses, self.arrays, first_readings(log.z), command0, self.rig.watched),
             strict=True,
         ):
             f.x, f.P, f.slow, f.bias = first.x, first.P, first.slow, first.bias

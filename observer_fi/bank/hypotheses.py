@@ -68,14 +68,14 @@ def bank(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
             f'rig {rig.name!r} has drive = "{rig.drive}": faults are told from voltage, current and position; '
             "identify and improve take such a rig"
         )
-    plant = override(rig.model, NOMINAL, **rig.driven.plant)
+    plant = override(rig.model, NOMINAL, **rig.watched.plant)
     rows = [row for row in FAULTS.values() if row.live and _wanted(row, settings)]
     return tuple(h for row in rows for h in _hypotheses(row, row.states, plant, rig, settings))
 
 
 def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     """What a whole move is compared with: every row of `FAULTS`, at any severity."""
-    plant = override(rig.model, NOMINAL, **rig.driven.plant)
+    plant = override(rig.model, NOMINAL, **rig.watched.plant)
     wanted = [row for row in FAULTS.values() if _wanted(row, settings)]
     parts = [(row, sizes) for row in wanted for sizes in itertools.product(*map(_gaussians, row.sizes))]
     return tuple(h for row, sizes in parts for h in _hypotheses(row, sizes, plant, rig, settings))
@@ -99,7 +99,7 @@ def _hypotheses(
     row: FaultRow, added: tuple[OwnState, ...], plant: Model, rig: Rig, settings: BankSettings
 ) -> list[Hypothesis]:
     """Those of a fault, with the states that the rig's spread asks for."""
-    constants = (*rig.driven.in_doubt, *(name for name in row.shares if rig.spread(name) > 0.0))
+    constants = (*rig.watched.in_doubt, *(name for name in row.shares if rig.spread(name) > 0.0))
     own = [s for s in added if s.std is not None or (settings.augment and rig.spread(s.name) > 0.0)]
     states = (*MOTION, *(constants if settings.augment else ()), *(s.name for s in own))
     absolute = {s.name: s.mean for s in own if s.absolute}  # what a factor of 1 then is
@@ -178,7 +178,7 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     """
     fine = settings.repeat_scale * rig.neighbour_std
     share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
-    if rig.driven.servo:
+    if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
     return np.where(rig.repeats > REPEATING, np.maximum(_foretold(rig, settings), 1.0), share)
 
@@ -190,7 +190,7 @@ def _foretold(rig: Rig, settings: BankSettings) -> Array:
     than that is no news of its sensor.
     """
     voltage, current, _ = rig.noise_std
-    if "voltage_v" not in rig.driven.columns:
+    if "voltage_v" not in rig.watched.columns:
         free = settings.free_current * scale_of(rig.model).current * math.sqrt(1.0 / PAPERS_HZ)
         return np.array([1.0, free / current, 1.0])
     ratio = rig.model["Rm"] * current / voltage
@@ -213,7 +213,7 @@ def _own(h: Hypothesis, state: str) -> OwnState | None:
 
 def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale) -> tuple[float, float]:
     """Mean and variance of a state when its hypothesis is entered from one that does not have it."""
-    if state == "I" and not rig.driven.servo:
+    if state == "I" and not rig.watched.servo:
         return 0.0, (rig.noise_std[1] / h.model["Ki"]) ** 2
     own = _own(h, state)
     spread = math.hypot(max(settings.doubt.get(state, 0.0), rig.spread(state)), _uncertain(rig, state))
@@ -221,7 +221,7 @@ def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: S
     unit = _unit(own, rig, scale)
     if state in settings.entry_std:
         return mean * unit, (settings.entry_std[state] * scale.of(state)) ** 2
-    return mean * unit, (spread if usual is None else usual * unit) ** 2
+    return mean * unit, (spread if usual is None else max(usual * unit, rig.spread(state))) ** 2
 
 
 def _uncertain(rig: Rig, name: str) -> float:
@@ -239,7 +239,7 @@ def _unit(own: OwnState | None, rig: Rig, scale: Scale) -> float:
 
 def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale) -> float:
     """Growth of the variance of a state per second."""
-    if state == "I" and not rig.driven.servo:
+    if state == "I" and not rig.watched.servo:
         return (settings.free_current * scale.current / h.model["Ki"]) ** 2
     if state in settings.diffusion:
         return (settings.diffusion[state] * scale.of(state)) ** 2

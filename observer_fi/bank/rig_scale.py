@@ -47,11 +47,41 @@ def scale_of(model: Model) -> Scale:
     return Scale(torque, torque * paper["Km"] / model["Km"], model["D"] / paper["D"], integral)
 
 
+def usual_errors(settings: BankSettings, rig: Rig) -> dict[str, float]:
+    """Errors of the equations of a rig, as in its file, that settings alone give it."""
+    scale, model = scale_of(rig.model), rig.model
+    free = settings.free_current * scale.current
+    of_servo = settings.diffusion["I"] * scale.integral * model["Ki"] if rig.watched.servo else free
+    return {
+        "torque": settings.diffusion["w"] * model["J"],
+        "servo": of_servo,
+        "change": settings.agility,
+        "travel": settings.diffusion["x"] * scale.travel,
+        "friction": settings.wander["A"],
+    }
+
+
+def with_errors(settings: BankSettings, rig: Rig) -> BankSettings:
+    """Settings with the errors of a rig's file; those that it has not as they are."""
+    errors = usual_errors(settings, rig) | rig.errors
+    scale, model = scale_of(rig.model), rig.model
+    diffusion = {"w": errors["torque"] / model["J"], "x": errors["travel"] / scale.travel}
+    changed = replace(settings, agility=errors["change"], wander=settings.wander | {"A": errors["friction"]})
+    if not rig.watched.servo:
+        free = errors["servo"] / scale.current
+        return replace(changed, free_current=free, diffusion=settings.diffusion | diffusion)
+    diffusion["I"] = errors["servo"] / (scale.integral * model["Ki"])
+    return replace(changed, diffusion=settings.diffusion | diffusion)
+
+
 PAPERS_HZ = 1600.0  # samples a second of the paper, for which the settings' agility was found
 
 
 def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSettings:
-    """Settings for a log of so many samples a second: what an unknown servo does between them puts its speed in doubt."""
-    if rig.driven.servo or rate_hz >= PAPERS_HZ:
+    """Settings for a rig and a log of so many samples a second: with the errors of its equations that healthy logs have shown;
+    what an unknown servo does between two samples puts its speed in doubt.
+    """
+    settings = with_errors(settings, rig) if rig.errors else settings
+    if rig.watched.servo or rate_hz >= PAPERS_HZ:
         return settings
     return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)

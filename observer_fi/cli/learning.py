@@ -51,7 +51,13 @@ def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
 
 def run_identify(args: argparse.Namespace) -> int:
     """A rig learned from its logs."""
-    from observer_fi.learn import identified_rig, identify, residuals_by_phase, too_many_moves
+    from observer_fi.learn import (
+        identified_rig,
+        identify,
+        residuals_by_phase,
+        too_many_moves,
+        with_equation_errors,
+    )
     from observer_fi.logs import with_logger
     from observer_fi.physics import load_rig
     from observer_fi.report import folder_name, identify_files, identify_json, write_result
@@ -64,7 +70,7 @@ def run_identify(args: argparse.Namespace) -> int:
         fit = identify(logs, rig)
         tell("what the fit leaves")
         by_phase = residuals_by_phase(logs, fit, rig)
-        learned = with_logger(identified_rig(fit, rig), logs)
+        learned = with_equation_errors(with_logger(identified_rig(fit, rig), logs), logs)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
     still = still_figures(args, fit)
     folder = write_result(args.out, name, _made("identify", logs), {**files, **still})

@@ -1,6 +1,7 @@
 """A rig from its logs: section 3 of the paper, likelihoods of whole moves, inverse dynamics."""
 
 from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
+from observer_fi.learn.equation_errors import with_equation_errors
 from observer_fi.learn.gauss_newton import Free, Point, objective, project, scales
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
@@ -131,4 +132,5 @@ __all__ = [
     "whiteness",
     "with_servo",
     "without_moves",
+    "with_equation_errors",
 ]

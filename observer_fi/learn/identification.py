@@ -103,7 +103,10 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         return identify_driven(logs, rig)
     if needs_start(rig):
         begun = with_start(logs, rig)
-        return _with_commanded(_identify_servo(logs, begun), begun, rig)
+        fit = _identify_servo(logs, begun)
+        if not {"J", "A"} <= {p.name for p in fit.parameters}:  # a servo that was begun too far off
+            fit = identify_driven(logs, replace(rig, drive="voltage"))
+        return _with_commanded(fit, begun, rig)
     return _identify_servo(logs, rig)
 
 

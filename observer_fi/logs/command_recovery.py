@@ -34,6 +34,9 @@ RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of 
 SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
 DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
 SHORT = 5  # samples: a current that is less for a shorter time is noise
+# Of the speed that a mass lost: where the current can have taken less than this of it, the motor did not stop with the mass.
+EXPLAINED = 0.4
+AFTER_S = 0.2  # of the stand of a mass that the motor has left: what the current is then
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
 
 Mask = NDArray[np.bool_]
@@ -70,7 +73,7 @@ def recover_command(log: Log, model: Model) -> Log:
         )
     has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
     if not has_loop and _only_position(log):
-        return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]))
+        return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]), model)
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
     noise = _noise(command[known])
     levels = _levels(log.t, command, known, noise)
@@ -97,11 +100,11 @@ def _only_position(log: Log) -> bool:
     return log.encoder is None and not seen[0] and seen[2]
 
 
-def _with_speed(log: Log, w: Array, noise: float) -> Log:
+def _with_speed(log: Log, w: Array, noise: float, model: Model) -> Log:
     """`log` with the speed of the mass for its command, and 0 where that is within its noise.
 
     A servo that nobody knows needs no more of a command than where it moves, and how fast. Where the mass stands and the
-    current goes on, the motor is still told to move.
+    current goes on, or never braked the motor, that is still told to move.
     """
     turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
     w_cmd = np.where(turns, w, 0.0)
@@ -111,7 +114,8 @@ def _with_speed(log: Log, w: Array, noise: float) -> Log:
             w_cmd[_begun(log, stood, a) : a] = w_cmd[a]
         elif a > 0:
             last = float(np.median(w_cmd[max(0, 2 * a - b) : a]))
-            stood = _driven_until(log, turns, a, b, last)
+            left = _left_behind(log, w, a, b, model)
+            stood = _driven_until(log, turns, a, b, last, left)
             w_cmd[a:stood] = last
     starts = int(np.count_nonzero(np.diff((w_cmd != 0.0).astype(np.int8)) > 0))
     return _recovered(log, w_cmd, "the position", starts)
@@ -130,15 +134,35 @@ def _begun(log: Log, stood: int, a: int) -> int:
     return first + int(left[0]) if left.size else a
 
 
-def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float) -> int:
+def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
+    """Whether the mass, which stands in rows a to b, stopped without its motor: what the current and friction took of its speed
+    (equation 1) is far less than it lost.
+    """
+    reach = round(LONGEST_S * log.rate_hz)
+    first, last = max(a - reach, 0), min(a + reach, b)
+    moving = np.abs(w[first:a]) > 0.5 * np.abs(w[first])
+    at = first + int(np.flatnonzero(moving)[-1]) if moving.any() else first  # from here on it slows
+    first, last = max(at - reach // 4, 0), min(at + reach // 2, last)
+    way, t = np.sign(w[first]), log.t[first:last]
+    pull = model["Km"] * filled(log.z[:, 1])[first:last] * way - model["A"]
+    if t.size < FEWEST_IN_BLOCK or not np.isfinite(pull).all():
+        return False
+    taken = -float(np.trapezoid(pull, t)) / model["J"]
+    return taken < EXPLAINED * abs(w[first])
+
+
+def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float, left: bool) -> int:
     """The row until which the current drives on, `way` as before, a mass that stands in rows a to b.
 
-    A stop takes the current away, or turns it round, before the mass stands; so does a rest that shows as much of it.
+    A stop takes the current away, or turns it round, before the mass stands; so does a rest that shows as much of it. A motor
+    that has left its mass (`left`) needs less current than before.
     """
     i = np.nan_to_num(filled(log.z[:, 1])) * np.sign(way)
     before = i[: int(np.argmax(turns))]
     usual = float(np.median(np.abs(i[turns])))
     enough = max(DRIVEN * usual, HELD * float(np.median(np.abs(before))) if before.size else np.inf)
+    if left:
+        enough = min(enough, DRIVEN * float(np.median(i[a : a + round(AFTER_S * log.rate_hz)])))
     begin = max(a - round(LONGEST_S * log.rate_hz), 0)
     pulls = np.convolve(i[begin:b] > enough, np.ones(SHORT), mode="same") > 0.5 * SHORT
     ends = np.flatnonzero(~pulls[: b - begin - SHORT])

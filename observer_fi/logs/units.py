@@ -22,11 +22,12 @@ FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and 
 
 def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[str, ...]:
     """A note for every channel whose size a rig like `model` cannot produce; none is the usual answer."""
-    logged = not any(
-        note.startswith(ABSENT) for note in log.notes
-    )  # another command is made of the rig and the readings
+    of_loop = model["Kx"] > 0.0  # another command is made of the rig and the readings
+    logged = not of_loop and not any(note.startswith(ABSENT) for note in log.notes)
     notes = [*_drive_notes(log, model, logged)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
     full = _at_full_speed(log, moves)
+    if of_loop and model["Km"] > 0.0:  # while a mass is held, a position loop asks for more and more
+        full &= np.abs(log.w_cmd) <= model["Vmax"] / model["Km"]
     if np.count_nonzero(full) >= FEWEST:
         w = float(np.abs(log.w_cmd[full]).mean())
         notes += _ratio_notes("voltage_v", np.abs(log.z[full, 0]), model["Km"] * w)

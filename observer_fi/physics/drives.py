@@ -71,7 +71,7 @@ class Drive:
 _MECHANICS = ("J", "A", "D")
 _MOTOR = ("voltage_v", "current_a")
 _ELECTRICS = (*_MECHANICS, "Rm", "Km")
-_LOOP = ("Vmax", "Kp", "Ki", "Rs")
+_LOOP = SERVOS_OWN = ("Vmax", "Kp", "Ki", "Rs")
 _RIGS_OWN: Mapping[str, float] = MappingProxyType({})
 # A servo that nobody knows: i = Ki I is a random walk that the current sensor pins, without gains and limits.
 _FREE_SERVO = MappingProxyType({"Kp": 0.0, "Ki": 1e-3, "Rs": 0.0, "Vmax": 1e6})

@@ -55,6 +55,10 @@ RANGES: dict[str, tuple[float, float]] = {
 }
 LARGEST = 1e15  # of any other parameter
 
+# How far an equation may be off between two samples: of the torque [N m s^1/2], of the servo's current [A/s^1/2], of every change
+# of the speed (a share, at 1600 samples a second), of the travel [m/s^1/2], of the friction from move to move [1/s^1/2].
+ERRORS = ("torque", "servo", "change", "travel", "friction")
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)]
@@ -123,6 +127,7 @@ class _RigFile(_Strict):
     parameters: dict[str, _Quantity] = {}
     curve: _Curve | None = None
     acquisition: _Acquisition | None = None
+    errors: dict[str, Positive] = {}
 
     @field_validator("parameters", mode="before")
     @classmethod

@@ -4,7 +4,9 @@ Rigs are TOML files: values with unit, how they were found, their spread from ri
 """
 
 import difflib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
@@ -15,11 +17,11 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.numerics import filled
 from observer_fi.physics import empirical_curve as curves
 from observer_fi.physics import rig_file
-from observer_fi.physics.drives import DRIVES, Drive
+from observer_fi.physics.drives import DRIVES, SERVOS_OWN, CommandLaw, Drive
 from observer_fi.physics.empirical_curve import Curve, curve_of, is_curve
 from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VECTOR_SIZE
 from observer_fi.physics.logger_table import acquisition_from, acquisition_table, without_nothing
-from observer_fi.physics.sheets.derived import GUESS, GUESSED, derived
+from observer_fi.physics.sheets.derived import GUESS, GUESSED, UNLEARNED, derived
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.toml_files import toml_table
 
@@ -116,7 +118,8 @@ class Rig:
     """A plant, how it is driven, and the noise of its channels.
 
     drive: one of `DRIVES`. noise: standard deviation of each channel, V, A, m. quantities: what the file gives, by
-    name of parameter; everything else is neutral. logger: what a log has shown of the logger.
+    name of parameter; everything else is neutral. logger: what a log has shown of the logger. errors: how far healthy logs have
+    shown the equations to be off, by `ERRORS` of `rig_file.py`; empty where none was learned from.
     """
 
     name: str
@@ -128,6 +131,7 @@ class Rig:
     )
     source: str = ""
     logger: Acquisition | None = None
+    errors: dict[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
@@ -150,6 +154,24 @@ class Rig:
     def driven(self) -> Drive:
         """The row of its drive."""
         return DRIVES[self.drive]
+
+    @property
+    def watched(self) -> Drive:
+        """The row by which filters take it: that of a drive whose servo nobody knows, where a constant of the servo is none that
+        a log has shown. A servo at its limit with a supply from a data sheet explains no stall.
+        """
+        guessed = any(n in self.quantities and self.quantities[n].method in UNLEARNED for n in SERVOS_OWN)
+        return DRIVES["voltage"] if self.driven.servo and guessed else self.driven
+
+    @property
+    def law(self) -> CommandLaw | None:
+        """The law that makes the commanded speed of other columns. Where nobody knows the servo, a command so low that friction
+        may hold the motor against it is none.
+        """
+        law, model = self.driven.command, self.model
+        if law is None or self.watched.servo:
+            return law
+        return CommandLaw(law.columns, partial(_faster, law.of, CRAWLS * model["Vmax"] / model["Km"]))
 
     def spread(self, name: str) -> float:
         """1-sigma spread of a parameter from rig to rig, relative; 0 where the file gives none."""
@@ -192,12 +214,23 @@ class Rig:
         )
 
 
+CRAWLS = (
+    0.03  # of the speed without a load: slower, and a position loop only waits for the friction to give way
+)
+
+
+def _faster(of: Callable[..., Array], least: float, *columns: Array) -> Array:
+    """A command by the law `of`, 0 where it is slower than `least` [rad/s]."""
+    w_cmd = of(*columns)
+    return np.where(np.abs(w_cmd) < least, 0.0, w_cmd)
+
+
 def commanded(log: Log, rig: Rig) -> Log:
     """`log` with the commanded speed that its drive makes of other columns; as it is where the log has it or must recover it.
 
     Raises InvalidLogError naming the column that the drive's law needs and the log has not.
     """
-    law = rig.driven.command
+    law = rig.law
     if law is None:
         return log
     given = {"position_cmd_m": log.position_cmd, "encoder_rad": log.encoder}
@@ -261,7 +294,7 @@ def _rig_path(path: str | Path) -> Path:
     return packaged if not given.suffix and not given.exists() and packaged.exists() else given
 
 
-_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve", "acquisition")
+_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve", "acquisition", "errors")
 _QUANTITY = ("value", "unit", "method", "source", "spread", "std")
 _NOISE = ("voltage", "current", "position")
 
@@ -274,6 +307,7 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         if drive not in DRIVES:
             raise unknown_name(drive, tuple(DRIVES), "drive")
         _check_keys(table.get("noise", {}), _NOISE, "noise channel")
+        _check_keys(table.get("errors", {}), rig_file.ERRORS, "error of an equation")
         quantities = {name: _quantity(name, entry) for name, entry in table.get("parameters", {}).items()}
         if "curve" in table:
             if not DRIVES[drive].motor:
@@ -300,6 +334,7 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         noise,
         table.get("source", ""),
         acquisition_from(table.get("acquisition", {})),
+        {name: float(value) for name, value in table.get("errors", {}).items()},
     )
 
 
@@ -379,5 +414,6 @@ def rig_toml(rig: Rig) -> str:
     table |= {"noise": dict(rig.noise), "parameters": parameters}
     logger = without_nothing(acquisition_table(rig.logger))
     table |= {"acquisition": logger} if logger else {}
+    table |= {"errors": dict(rig.errors)} if rig.errors else {}
     curve = rig.curve
     return tomli_w.dumps(table | ({"curve": curves.to_table(curve)} if curve else {}))

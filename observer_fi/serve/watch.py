@@ -214,7 +214,7 @@ class Watch:
         self.options, self.name, self.out, self.complain = options, name, out, complain
         self._formatted = _worded if options.text else _json_line
         rig = options.rig
-        self.parser = Parser(name, options.columns, rig.driven.command, rig.model.vector)
+        self.parser = Parser(name, options.columns, rig.law, rig.model.vector)
         self.splitter, self.clock = Splitter(), Clock()
         self.live = self._new_live()
         self.rows: list[Row] = []

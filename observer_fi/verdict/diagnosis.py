@@ -33,7 +33,16 @@ from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
 from observer_fi.verdict.drift import raised_friction
-from observer_fi.verdict.isolate import EventTracker, Isolator, Run, handed_on, log_verdict, tested
+from observer_fi.verdict.isolate import (
+    EventTracker,
+    Isolator,
+    Run,
+    handed_on,
+    healthy,
+    log_verdict,
+    tested,
+    without_voltage,
+)
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
@@ -41,6 +50,7 @@ from observer_fi.verdict.testable import Testable, untested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
 ONSETS_AGREE_S = 0.02
+ROOM = 0.5  # of the spread of the friction from day to day: a rise by less is none of its faults
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 NEAR_S = 0.1  # shown on either side of a moment
 ONE_SPAN_S = 1.0  # an onset and an isolation that are further apart are shown apart
@@ -302,7 +312,10 @@ class Diagnosis:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
-        events = tuple(handed_on([self._finished(e) for e in found.events]))
+        finished = [of_the_day(self._finished(e), self.rig) for e in found.events]
+        if self.isolator.channels.lacks("voltage"):
+            finished = [without_voltage(e) for e in finished]
+        events = tuple(handed_on(finished))
         verdict = log_verdict(list(events))
         foreign = wrong_rig(verdict, events, found.consistency, self.suspects or ())
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
@@ -377,6 +390,12 @@ def _moments(event: Event) -> list[sketch.Span]:
     onset = event.onset_s if event.onset_s is not None else event.detected_s
     spans = [] if onset is None else _shown(onset, event.isolated_s)
     return spans + [(at - NEAR_S, at + NEAR_S) for at in (event.over_s, event.end_s) if at is not None]
+
+
+def of_the_day(event: Event, rig: Rig) -> Event:
+    """The event, healthy where friction has risen by no more than it does from one day to the next."""
+    rises = [s.value for s in event.severity if event.label == "jam" and s.name == "friction_rise"]
+    return healthy(event) if rises and 0.0 <= rises[0] < ROOM * rig.spread("A") else event
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

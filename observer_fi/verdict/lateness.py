@@ -85,8 +85,8 @@ def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:
 
 def lateness_of(log: Log, rig: Rig, settings: BankSettings, known: Lateness) -> Lateness:
     """How late the channels of a log are; what is `known` where its first start does not tell."""
-    cut = _start(log)
-    if cut is None or not rig.driven.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+    cut = first_start(log)
+    if cut is None or not rig.watched.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
         return known
     gain = _Gains(cut, rig, settings)
     best = _electrical(gain, known)
@@ -121,7 +121,7 @@ def _position(gain: "_Gains", best: Lateness) -> Lateness:
     return later if better and gain.explains(later) else best
 
 
-def _start(log: Log) -> Log | None:
+def first_start(log: Log) -> Log | None:
     """The first start from rest with enough rest before it, None where there is none."""
     for move in moves_from_rest(log):
         first, last = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))

@@ -51,7 +51,7 @@ class _SideBySide:
         b = arrays(hypotheses, rig, settings)
         self.rows, self.room = bank_rows(hypotheses, b), n
         self.seats = state_places(self.rows, 0)  # all have the same
-        self.state = bank_state_of(self.rows, start(hypotheses, b, np.zeros(3), 0.0, rig.driven))
+        self.state = bank_state_of(self.rows, start(hypotheses, b, np.zeros(3), 0.0, rig.watched))
         self.tuning, self.scratch = tuning(settings), work_arrays(self.rows)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
         self.still, self.out = np.zeros(n, dtype=np.bool_), kernels.written(n, count)

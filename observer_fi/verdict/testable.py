@@ -50,11 +50,11 @@ class Testable:
             return NO_MOVE
         if self.moving < FEWEST_MOVING:
             return f"the log holds {self.moving} samples in motion, and {FEWEST_MOVING} are needed"
-        if rig.driven.servo and rate_hz < SLOWEST_HZ:
+        if rig.watched.servo and rate_hz < SLOWEST_HZ:
             return (
                 f"{rate_hz:.3g} samples/s are too few: {SLOWEST_HZ:.0f} are needed to see how the servo rings"
             )
-        if rig.driven.servo and rate_hz < SURE_HZ and label in ("sensor_fault", "unknown"):
+        if rig.watched.servo and rate_hz < SURE_HZ and label in ("sensor_fault", "unknown"):
             return f"at {rate_hz:.3g} samples/s (of {SURE_HZ:.0f}) neither the model nor a sensor can be doubted with reason"
         variance = self.squares - self.sum**2 / self.commanded
         if self.changes > ROUGHEST * variance > 0.0:

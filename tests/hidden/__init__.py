@@ -35,6 +35,7 @@ from .rigs import (
     healthy_spec,
 )
 from .sensors import Logger
+from .surroundings import SURROUNDINGS, Surroundings, healthy_days, log_in
 from .truth import TruthSpec, make_log, make_log_through, true_motion, without_noise, write_log
 
 __all__ = [
@@ -58,6 +59,10 @@ __all__ = [
     "SENSOR_SIZES",
     "SEVERITY_KINDS",
     "SHAPES",
+    "SURROUNDINGS",
+    "Surroundings",
+    "healthy_days",
+    "log_in",
     "TABLE_1",
     "TRAITS",
     "TRIPLES",

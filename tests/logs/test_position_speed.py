@@ -1,5 +1,7 @@
 """The speed and the command of a log that has no more than a current and a position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from documented_rigs import lift
@@ -7,6 +9,7 @@ from hidden import actuator_log, fault_spec, healthy_spec, true_motion
 
 from observer_fi.logs import log_from_frame, position_speed, recover_command
 from observer_fi.physics import load_rig, override
+from observer_fi.records import Log
 
 ACTUATOR = lift()
 MODEL = override(load_rig().model, "lift", Kp=0.0, Ki=0.0, D=ACTUATOR.rig.D, Km=ACTUATOR.rig.Km)
@@ -43,3 +46,22 @@ def test_a_mass_that_is_lost_leaves_a_motor_that_is_told_to_move() -> None:
     after = (log.t > truth["onset_s"] + 0.2) & (log.t < brake - 0.05)
     assert after.any() and (log.w_cmd[after] != 0.0).all()
     assert (log.w_cmd[log.t > brake + 0.3] == 0.0).all()
+
+
+def test_a_mass_that_stops_without_its_motor_is_no_stop_however_the_current_falls() -> None:
+    """A current that drops to less than what held the friction, and that no braking explains."""
+    t = np.arange(2000) / 500.0
+    moving = (t > 0.5) & (t < 2.0)
+    w, friction = 400.0, MODEL["A"] / MODEL["Km"]
+    x = MODEL["D"] * w * np.clip(t - 0.5, 0.0, 1.5)
+    i = np.where(moving, friction, np.where((t >= 2.0) & (t < 3.0), 0.3 * friction, 0.0))
+    rng = np.random.default_rng(1)
+    z = np.column_stack((np.full(t.size, np.nan), i + 1e-4 * rng.normal(size=t.size), x))
+    log = Log("lost", t, z, np.zeros(t.size), np.full(t.size, np.nan))
+    told = recover_command(log, MODEL).w_cmd
+    assert (told[(t > 0.6) & (t < 2.9)] != 0.0).all() and (told[t > 3.2] == 0.0).all()
+    braking = MODEL["J"] * w / MODEL["Km"] / 0.02
+    braked = z.copy()
+    braked[(t >= 1.98) & (t < 2.0), 1] = friction - braking
+    told = recover_command(replace(log, z=braked), MODEL).w_cmd
+    assert (told[t > 2.3] == 0.0).all()

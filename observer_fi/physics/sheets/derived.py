@@ -17,6 +17,8 @@ COMPRESSED = 0.5  # of the travel that an obstacle takes: between none and all
 LEVEL_DEG = 20.0  # pitch at which gravity is worth the friction: steeper, and the mass slides back by itself
 # How deep a mass presses until the stop is worth the friction: what gives way has its own size; at most a share of the travel.
 PRESSED_M, PRESSED_SHARE = 2e-3, 0.1
+# 1-sigma, relative: a stop that gives way by half a millimetre is sixteen times as stiff, and nobody knows which one it will be.
+STIFFER = 10.0
 LEAST_ACCELERATION = 1.0  # rad/s^2, that a rig without friction gives the torque of its stop
 
 
@@ -37,7 +39,10 @@ def derived(given: Mapping[str, float]) -> dict[str, Derived]:
         ),
         "E": Derived(COMPRESSED, 0.5, GUESS, "an obstacle takes half of the travel"),
         "C": Derived(
-            _stiffness(given), 3.0, GUESS, "a stop as strong as friction where the mass has pressed a little"
+            _stiffness(given),
+            STIFFER,
+            GUESS,
+            "a stop as strong as friction where the mass has pressed a little",
         ),
         "A_decoupled": Derived(
             LOOSE_FRICTION * given["A"], 0.7, GUESS, f"{LOOSE_FRICTION:.0%} of the friction with the mass"

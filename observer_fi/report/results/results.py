@@ -173,7 +173,8 @@ class Identification(Result):
     @cached_property
     def rig(self) -> Rig:
         """The rig with the values that were learned."""
-        return with_logger(learn.identified_rig(self.fit, self.before), self.logs)
+        learned = with_logger(learn.identified_rig(self.fit, self.before), self.logs)
+        return learn.with_equation_errors(learned, self.logs)
 
     @property
     def headline(self) -> str:
