@@ -221,7 +221,11 @@ def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: S
     unit = _unit(own, rig, scale)
     if state in settings.entry_std:
         return mean * unit, (settings.entry_std[state] * scale.of(state)) ** 2
-    return mean * unit, (spread if usual is None else max(usual * unit, rig.spread(state))) ** 2
+    if usual is None:
+        return mean * unit, spread**2
+    return mean * unit, (
+        max(usual * unit, rig.spread(state)) if usual else 0.0
+    ) ** 2  # a width of 0: a known constant
 
 
 def _uncertain(rig: Rig, name: str) -> float:

@@ -32,7 +32,7 @@ from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
-from observer_fi.verdict.drift import raised_friction
+from observer_fi.verdict.drift import raised_friction, usual_rise
 from observer_fi.verdict.isolate import (
     EventTracker,
     Isolator,
@@ -50,7 +50,6 @@ from observer_fi.verdict.testable import Testable, untested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
 ONSETS_AGREE_S = 0.02
-ROOM = 0.5  # of the spread of the friction from day to day: a rise by less is none of its faults
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 NEAR_S = 0.1  # shown on either side of a moment
 ONE_SPAN_S = 1.0  # an onset and an isolation that are further apart are shown apart
@@ -395,7 +394,7 @@ def _moments(event: Event) -> list[sketch.Span]:
 def of_the_day(event: Event, rig: Rig) -> Event:
     """The event, healthy where friction has risen by no more than it does from one day to the next."""
     rises = [s.value for s in event.severity if event.label == "jam" and s.name == "friction_rise"]
-    return healthy(event) if rises and 0.0 <= rises[0] < ROOM * rig.spread("A") else event
+    return healthy(event) if rises and 0.0 <= rises[0] < usual_rise(rig) else event
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

@@ -21,6 +21,11 @@ CHANNELS = slice(
 )  # current and position: a voltage also follows inertias that a rig file has slightly wrong
 
 
+def usual_rise(rig: Rig) -> float:
+    """Relative rise of the friction that is none of its faults: half of what it has from one day to the next [1]."""
+    return 0.5 * rig.spread("A")
+
+
 class Drift:
     """Watches one move. since: when a mean was first beyond the limit [s], None so far."""
 
