@@ -19,7 +19,15 @@ def hide(causes: tuple[str, ...], size: float, seed: int = SEED) -> dict:
 
 @pytest.mark.parametrize(
     "cause",
-    ["viscous_friction", "screw_ripple", "winding_heating", "input_delay", "position_lag", "voltage_offset"],
+    [
+        "viscous_friction",
+        "winding_heating",
+        "voltage_offset",
+        *(
+            pytest.param(slow, marks=pytest.mark.slow)
+            for slow in ("screw_ripple", "input_delay", "position_lag")
+        ),
+    ],
 )
 def test_a_hidden_cause_is_found_first(cause):
     row = hide((cause,), 3.0)

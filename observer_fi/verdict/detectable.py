@@ -17,7 +17,7 @@ from observer_fi.numerics import MOST
 from observer_fi.physics import FAULTS, PARAMETERS, FaultRow, Least, OwnState, Rig
 from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means, usual_rise
+from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
 from observer_fi.verdict.last_word import CLEAN_S, FITS, PASSES_S
 from observer_fi.verdict.moves.whole_move import CHANGE_NATS, LEFT, window_of
 from observer_fi.verdict.onset import ROOM, Entry, Filters
@@ -199,7 +199,7 @@ def _told(row: FaultRow, least: Least, value: float, rig: Rig) -> Detectable:
     """The value as it is told, with its unit and words."""
     own = next(o for o in row.sizes if o.name == least.constant)
     unit = "s" if least.lasts else "1" if own.absolute or own.of_friction else PARAMETERS[own.name][0]
-    value = least.told(rig.model, max(value, usual_rise(rig)) if own.of_friction else value)
+    value = least.told(rig.model, value)
     return Detectable(
         row.label, least.name, value, unit, least.words.format(f"{float(f'{least.scale * value:.2g}'):g}")
     )

@@ -44,6 +44,7 @@ from observer_fi.verdict.isolate import (
     without_voltage,
 )
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, untested
@@ -392,9 +393,11 @@ def _moments(event: Event) -> list[sketch.Span]:
 
 
 def of_the_day(event: Event, rig: Rig) -> Event:
-    """The event, healthy where friction has risen by no more than it does from one day to the next."""
+    """The event, healthy where friction was up from the start on by no more than it is from one day to the next."""
     rises = [s.value for s in event.severity if event.label == "jam" and s.name == "friction_rise"]
-    return healthy(event) if rises and 0.0 <= rises[0] < usual_rise(rig) else event
+    from_the_start = event.onset_s is not None and event.onset_s - event.start_s < SETTLED_S
+    usual = bool(rises) and 0.0 <= rises[0] < usual_rise(rig)
+    return healthy(event) if usual and from_the_start else event
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

@@ -128,6 +128,7 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
     assert "8 of 8" in files["improve.html"] and "40.0 ms" in files["improve.html"]
 
 
+@pytest.mark.slow
 def test_a_cause_is_named_behind_a_position_loop():
     """The independent truth under a position loop, with a bearing that drags; the rig file has no commanded acceleration."""
     effects = (hidden.effect("viscous_friction", plus=2e-7, minus=2e-7),)

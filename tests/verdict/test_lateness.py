@@ -150,8 +150,8 @@ def test_a_log_that_begins_in_motion_has_no_start_to_learn_from() -> None:
     log = signal()
     moving = log.t > 0.75
     late = replace(log, t=log.t[moving], z=log.z[moving], w_cmd=log.w_cmd[moving], pitch=log.pitch[moving])
-    assert lateness._start(late) is None
-    cut = lateness._start(log)
+    assert lateness.first_start(late) is None
+    cut = lateness.first_start(log)
     assert (
         cut is not None
         and cut.t[0] == pytest.approx(0.58, abs=0.002)

@@ -23,6 +23,7 @@ TRIALS = 16  # begins that a first look tries at least; two in the samples that 
 # After a begin, by which a fault that comes for a while shows; beside them the whole move.
 LOOKS_S = (0.03, 0.125, 1.0)
 SETTLED_S = 0.15  # by then the ring of a start is over
+JUMP_DEG = 1.0  # of the pitch from one sample to the next: a rig that was set up anew as it stood, which tells of no move
 LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
@@ -74,8 +75,11 @@ def window_of(event: Event, bank: Bank, rest_s: float = 0.0) -> tuple[LogSamples
     first = int(np.searchsorted(recent.t, since - 1e-9))
     if not under_way.size or under_way[-1] + 1 - first < 2:
         return None
-    stopped = min(event.end_s, float(recent.t[under_way[-1]]) + rest_s)
-    return recent.cut(first, int(np.searchsorted(recent.t, stopped, "right"))), memory
+    last = int(under_way[-1])
+    stopped = min(event.end_s, float(recent.t[last]) + rest_s)
+    end = int(np.searchsorted(recent.t, stopped, "right"))
+    jumps = np.flatnonzero(np.abs(np.diff(recent.theta[last:end])) > JUMP_DEG)
+    return recent.cut(first, last + 1 + int(jumps[0]) if jumps.size else end), memory
 
 
 class WholeMove:

@@ -26,7 +26,7 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
 @pytest.mark.parametrize(
     "cause, equations",
     [
-        ("shaft_ripple", {"torque"}),
+        pytest.param("shaft_ripple", {"torque"}, marks=pytest.mark.slow),
         ("winding_heating", {"electrical"}),
         ("current_offset", {"sensor:current"}),
         ("current_lag", {"servo"}),
