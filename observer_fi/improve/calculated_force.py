@@ -48,6 +48,7 @@ from observer_fi.physics import FORCE, Coverage, Rig
 from observer_fi.records import Array, Log
 
 _LOW_SPEEDS = {"stribeck_torque", "saturating_drag"}  # curves of friction over low speeds
+STANDS_OUT = 2.0  # standard errors of a size
 SMEAR_S = 0.01  # one period of the position filter
 # Sizes that cannot be below zero.
 _SIGNED = (
@@ -202,7 +203,7 @@ class CalculatedForce:
         """Pairs of causes that explain more together than the sum of what each explains alone, best first."""
         found = []
         for a, b in combinations([s for s in scores if math.isfinite(s.net)], 2):
-            if a.cause.name == b.cause.name:
+            if a.cause.name == b.cause.name or all(_is_of_low_speeds(c) for c in (a, b)):
                 continue
             basis = orthonormal(np.column_stack([a.basis, b.basis]))
             power = float(np.sum((basis.T @ fitted.residual) ** 2))
@@ -223,7 +224,7 @@ class CalculatedForce:
         """A trial must pay, be possible, and help on held-out parts: by a share of what is left there, and by more than the
         noise of the position, which comes back through the controller into the force, where it looks like a delay or a slip.
         """
-        if sum(trial.nets) <= 0.0 or not physical(trial.fitted, self.columns.D):
+        if sum(trial.nets) <= 0.0 or not physical(trial.fitted, self.columns.D) or not _stands_out(trial):
             return None
         before, after = held_out(fitted), held_out(trial.fitted)
         ratio = float(np.linalg.norm(after) / np.linalg.norm(before))
@@ -386,7 +387,7 @@ def _is_open(candidate: ForceCandidate, fitted: Solution, steps: Sequence[Step[S
     named = {(c.cause.name, c.variant.beside) for step in steps for c in step.trial.candidates}
     taken = {name for step in steps for rivals in step.rivals.values() for name in rivals}
     timed = set(TIMING) & set(candidate.free) and set(TIMING) & set(fitted.structure.free)
-    bent = _LOW_SPEEDS & there and _LOW_SPEEDS & {t.name for t in candidate.columns}
+    bent = _LOW_SPEEDS & there and _is_of_low_speeds(candidate)
     return (
         not timed
         and not bent
@@ -394,6 +395,17 @@ def _is_open(candidate: ForceCandidate, fitted: Solution, steps: Sequence[Step[S
         and (cause, beside) not in named
         and not any(t.name in there for t in candidate.columns)
     )
+
+
+def _is_of_low_speeds(candidate: ForceCandidate) -> bool:
+    return not _LOW_SPEEDS.isdisjoint(t.name for t in candidate.columns)
+
+
+def _stands_out(trial: Trial[Solution]) -> bool:
+    """Whether sizes that have one sign are above what chance and the filters make of none."""
+    found = parameters_of(trial.fitted)
+    new = [t for c in trial.candidates for t in c.variant.sizes if t.low >= 0.0 and t.parameter in found]
+    return all(found[t.parameter][0] > STANDS_OUT * found[t.parameter][1] for t in new)
 
 
 def _in_order(trials: Sequence[_Refit], price: Callable[[int, float, int], float]) -> list[Trial[Solution]]:

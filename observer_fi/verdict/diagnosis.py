@@ -41,9 +41,9 @@ from observer_fi.verdict.isolate import (
     healthy,
     log_verdict,
     tested,
-    without_voltage,
 )
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.moves.unloaded import without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
@@ -314,7 +314,8 @@ class Diagnosis:
         self._ask_moves(found.events[-1:])
         finished = [of_the_day(self._finished(e), self.rig) for e in found.events]
         if self.isolator.channels.lacks("voltage"):
-            finished = [without_voltage(e) for e in finished]
+            alike = self.settings.decision.alike
+            finished = [without_voltage(e, self.memory, self.rig, alike) for e in finished]
         events = tuple(handed_on(finished))
         verdict = log_verdict(list(events))
         foreign = wrong_rig(verdict, events, found.consistency, self.suspects or ())

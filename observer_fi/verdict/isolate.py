@@ -22,9 +22,6 @@ from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
 SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
-# Where no voltage is measured, by the label and channel of a verdict: what has the same current and position. A position that
-# stands, or a mass that does, whatever the motor turns; a current that is more, or reads more.
-SAME_WITHOUT_VOLTAGE = {("sensor_fault", "position"): "coupling_loss", ("jam", None): "sensor_fault"}
 SETTLING = 8  # samples after a change of winner
 TINY = 1e-300  # a probability that is none
 AT_START_S = 0.02  # of a move: a fault may have been there before it
@@ -470,16 +467,6 @@ def handed_on(events: list[Event]) -> list[Event]:
         if of_rest and begin is not None and begin - after.start_s < AT_START_S:
             out[k] = healthy(event)
     return out
-
-
-def without_voltage(event: Event) -> Event:
-    """The event of a log that measures no voltage, with the label that nothing tells from its own."""
-    same = SAME_WITHOUT_VOLTAGE.get((event.label, event.channel))
-    if same is None or same in event.alike:
-        return event
-    share = 0.5 * (event.probability + event.posterior[same])
-    posterior = event.posterior | {event.label: share, same: share}
-    return event._replace(probability=share, posterior=posterior, alike=(*event.alike, same))
 
 
 def shown_by_rest(event: Event) -> bool:

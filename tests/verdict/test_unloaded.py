@@ -1,0 +1,78 @@
+"""Without a voltage: a mass that was let go changes the current, a position sensor that died does not."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import hidden
+import numpy as np
+import pytest
+from hidden import Fault
+
+from observer_fi.physics import load_rig
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.moves.unloaded import without_voltage
+from observer_fi.verdict.testable import not_tested
+from pipelines import rigs_study
+
+RIG = load_rig()
+ALIKE = Settings().decision.alike
+
+
+def event(label: str, channel: str | None) -> Any:
+    posterior = dict.fromkeys(not_tested("").posterior, 0.0) | {label: 1.0}
+    return not_tested("")._replace(
+        label=label,
+        channel=channel,
+        probability=1.0,
+        posterior=posterior,
+        onset_s=2.0,
+        start_s=0.0,
+        end_s=4.0,
+    )
+
+
+def bank(share: float, rate_hz: float = 250.0, noise: float = 1e-3) -> Any:
+    """A current of 20 mA that is multiplied at 2 s."""
+    t = np.arange(0.0, 4.0, 1.0 / rate_hz)
+    z = np.full((t.size, 3), np.nan)
+    z[:, 1] = 0.02 * np.where(t > 2.0, share, 1.0) + noise * np.random.default_rng(3).standard_normal(t.size)
+    return SimpleNamespace(recent=SimpleNamespace(t=t, z=z, active=np.ones(t.size, dtype=bool)))
+
+
+@pytest.mark.parametrize("said", [("coupling_loss", None), ("sensor_fault", "position")])
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_the_current_decides(said: tuple[str, str | None], rate_hz: float) -> None:
+    fallen = RIG.model["A_decoupled"] / RIG.model["A"]
+    let_go = without_voltage(event(*said), bank(fallen, rate_hz), RIG, ALIKE)
+    dead = without_voltage(event(*said), bank(1.0, rate_hz), RIG, ALIKE)
+    assert (let_go.label, let_go.channel) == ("coupling_loss", None)
+    assert (dead.label, dead.channel) == ("sensor_fault", "position")
+    for told in (let_go, dead):
+        assert sum(told.posterior.values()) == pytest.approx(1.0)
+        assert told.probability == told.posterior[told.label]
+
+
+def test_both_are_named_where_the_current_is_too_noisy_to_tell() -> None:
+    told = without_voltage(event("coupling_loss", None), bank(0.95, noise=0.05), RIG, ALIKE)
+    assert told.alike == ("sensor_fault",) and told.probability < 0.8
+
+
+def test_other_verdicts_stay() -> None:
+    overload = event("overload", None)
+    assert without_voltage(overload, bank(0.7), RIG, ALIKE) is overload
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [97100, 97103, 97104])
+def test_a_drive_that_logs_no_voltage(seed: int) -> None:
+    """From the data sheet to both verdicts, on the independent truth."""
+    actuator = hidden.draw_actuator(seed, "current")
+    rig = rigs_study._learned(actuator)
+    lost = hidden.fault_spec(actuator, "coupling_loss", seed)
+    dead = replace(lost, fault=Fault("sensor_fault", lost.fault.onset_s, "frozen", "position"))
+    for spec, label in ((lost, "coupling_loss"), (dead, "sensor_fault")):
+        frame, _ = hidden.actuator_log(actuator, spec, seed + 1)
+        isolation = diagnose_log(rigs_study._read(frame, rig), rig, Settings()).isolation
+        assert isolation is not None and isolation.verdict.label == label
