@@ -313,7 +313,9 @@ class Diagnosis:
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
         finished = [of_the_day(self._finished(e), self.rig) for e in found.events]
-        if self.isolator.channels.lacks("voltage"):
+        if (
+            self.isolator.channels.lacks("voltage") and not self.rig.watched.servo
+        ):  # a known servo tells its motor
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.rig, alike) for e in finished]
         events = tuple(handed_on(finished))
