@@ -27,6 +27,7 @@ from observer_fi.records import Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from pipelines.diagnose_study import markdown
+from pipelines.study_output import write_study
 
 FIRST_SEED = 99_000
 CONFIDENT = 0.95
@@ -160,11 +161,7 @@ def main(arguments: list[str] | None = None) -> int:
     jobs = [Job(drive, options.first + k) for drive in options.drives for k in range(options.rigs)]
     jobs += [job._replace(learned=False) for job in jobs] if options.sheets else []
     frame = study(jobs, options.workers)
-    if options.rows:
-        frame.to_csv(options.rows, index=False)
-    options.out.write_text(summary(frame, options.first))
-    print(f"wrote {options.out}")
-    return 0
+    return write_study(frame, summary(frame, options.first), options.rows, options.out)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from pipelines.diagnose_study import markdown
+from pipelines.study_output import write_study
 
 FIRST_SEED = 80_000
 CLEAR_NATS = 30.0  # over a move: less than this may be called healthy
@@ -189,11 +190,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("reports/severity.md"))
     options = parser.parse_args(arguments)
     frame = study(jobs_of(options.moves, options.shaped, options.first), options.workers)
-    if options.rows:
-        frame.to_csv(options.rows, index=False)
-    options.out.write_text(summary(frame, options.first))
-    print(f"wrote {options.out}")
-    return 0
+    return write_study(frame, summary(frame, options.first), options.rows, options.out)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from observer_fi.physics import NOMINAL, Rig, load_rig
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from pipelines.diagnose_study import markdown
+from pipelines.study_output import write_study
 
 FIRST_SEED = 96_000
 FAULTS_IN_TURN = ("overload", "coupling_loss")
@@ -157,11 +158,7 @@ def main(arguments: list[str] | None = None) -> int:
         for kind in options.kinds
     ]
     frame = study(jobs)
-    if options.rows:
-        frame.to_csv(options.rows, index=False)
-    options.out.write_text(summary(frame, options.first))
-    print(f"wrote {options.out}")
-    return 0
+    return write_study(frame, summary(frame, options.first), options.rows, options.out)
 
 
 if __name__ == "__main__":
