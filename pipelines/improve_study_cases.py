@@ -73,11 +73,15 @@ def run_case(case: Case) -> dict[str, Any]:
 
 
 def _gain_share(record: Improvement, noisy: Log, clean: Log) -> float | None:
-    """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise."""
+    """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise.
+
+    What is noise is told from the logs: a log without any looks like one whose readings are held, and loses rows to fits.
+    """
     if not record.findings:
         return None
     experiment = prepare([noisy], record.rig)
-    noise = (experiment.z - prepare([clean], record.rig).z) * experiment.weight
+    rows = np.searchsorted(noisy.t, experiment.t)
+    noise = np.where(experiment.weight > 0.0, (noisy.z - clean.z)[rows], 0.0) * experiment.weight
     possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
     won = record.baseline.nll_per_sample - record.extended.nll_per_sample
     return won / possible if possible > 0.0 else None
