@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from observer_fi import settings, toml_files
+from observer_fi import settings
 from observer_fi.bank import log_feed
 from observer_fi.improve import simulated_moves
 from observer_fi.learn import move_data
@@ -166,7 +166,7 @@ def page() -> str:
             "A column map can set another limit for a log (`[limits]`).\n",
             table(("column", "largest magnitude"), rows_of_columns()),
             "## Rig files, settings, column maps\n",
-            f"TOML of at most {toml_files.MOST_BYTES >> 20} MB. Every value has its type (a text or a truth value is no number)",
+            f"TOML of at most {settings.MOST_BYTES >> 20} MB. Every value has its type (a text or a truth value is no number)",
             "and is finite; noise is above 0, spreads and standard errors are 0 or more; other parameters are within 1e15.\n",
             table(("parameter", "range", "unit"), rows_of_rigs()),
             f"Settings are 0 or more; {shares} are at most 1. In a column map",

@@ -14,8 +14,7 @@ from observer_fi.cli import main
 from observer_fi.errors import UsageError
 from observer_fi.logs.columns import load_columns
 from observer_fi.physics.rigs import load_rig
-from observer_fi.settings import load_settings
-from observer_fi.toml_files import toml_table
+from observer_fi.settings import load_settings, toml_table
 
 CASES = [
     *((load_rig, text, said) for text, said in RIGS.items()),

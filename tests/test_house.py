@@ -15,7 +15,6 @@ AT_THE_ROOT = {
     "py.typed",
     "records.py",
     "settings.py",
-    "toml_files.py",
 }
 MOST_MODULES = 16
 USERS = [*PACKAGE.rglob("*.py"), *(ROOT / "pipelines").glob("*.py"), *(ROOT / "benchmarks").glob("*.py")]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.physics import unknown_name
-from observer_fi.toml_files import checked, toml_table
+from observer_fi.settings import checked, toml_table
 
 MOST_HEADER_LINES = 10_000  # lines before the first sample of a text table
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from observer_fi.physics.equations import PARAMETERS
-from observer_fi.toml_files import checked
+from observer_fi.settings import checked
 
 # Name of a parameter: smallest and largest value, SI units. A bound that is open (above 0) is a number no rig comes near.
 ABOVE_ZERO = 1e-30

@@ -23,7 +23,7 @@ from observer_fi.physics.equations import EXTENDED, INDEX, NAMES, PARAMETERS, VE
 from observer_fi.physics.logger_table import acquisition_from, acquisition_table, without_nothing
 from observer_fi.physics.sheets.derived import GUESS, GUESSED, UNLEARNED, derived
 from observer_fi.records import Acquisition, Array, Log
-from observer_fi.toml_files import toml_table
+from observer_fi.settings import toml_table
 
 _SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
 _FORMS = (
