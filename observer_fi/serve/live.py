@@ -251,11 +251,14 @@ class Live:
         yield from self._answered()
 
     def _answered(self) -> Iterator[Judged]:
-        """What a question that is still open says of the last move."""
-        told = None if self.word is None else self.word.answered()
-        if told is not None and self.last is not None:
-            change = list(self._told_late(told, self.moves, self.last, self.last.t.size - 1))
-            yield rows_of(self.last, self.last.t.size, self.last.t.size), change
+        """What a question that is open, or would have been asked, says of the last move."""
+        tracker, last = self.isolator.current, self.last
+        if self.word is None or self.fast is None or last is None or tracker is None:
+            return
+        told = self.word.at_the_end(float(last.t[-1]), tracker.verdict(), self.fast.ring)
+        if told is not None:
+            change = list(self._told_late(told, self.moves, last, last.t.size - 1))
+            yield rows_of(last, last.t.size, last.t.size), change
 
     def _told_before(self, word: StreamWord, e: Estimate, k: int) -> Iterator[Change]:
         """What a question that is still open says of the move before the one that begins at sample k."""

@@ -7,7 +7,8 @@ import numpy as np
 
 from observer_fi.bank import HypothesisState, LogSamples
 
-KEPT = 8192  # samples that are always at hand: five seconds at 1600 a second
+KEPT = 16384  # samples that are always at hand: ten seconds at 1600 a second
+SAFE = 0.9  # share of the time that they span after which the first of them are as good as gone
 EVERY = 256  # samples between two memories of nominal
 
 
@@ -44,6 +45,13 @@ class Recent:
         for name in LogSamples._fields:
             getattr(self.rows, name)[self.count : self.count + n] = getattr(now, name)
         self.count, self.seen = self.count + n, self.seen + n
+
+    def safe_until(self, first_s: float) -> float:
+        """Until when on the stream's clock the samples from first_s on are still at hand [s], infinite of an empty stream."""
+        if self.count < 2:
+            return np.inf
+        rows = self.rows.t[: self.count]
+        return first_s + SAFE * KEPT * float(rows[-1] - rows[0]) / (self.count - 1)
 
     def between(self, first_s: float, last_s: float) -> tuple[LogSamples, HypothesisState] | None:
         """The samples from a memory of nominal, at or before first_s, to last_s, and that memory; None where they are gone."""

@@ -21,6 +21,7 @@ from observer_fi.verdict import Filters, LastWord
 
 ASK_S = 0.4  # after the verdict became unknown: what tells faults apart has shown by then
 REST_S = 0.2  # after a move that was healthy in the end but doubted: its stop belongs to it
+LONG_REST_S = 0.8  # after a move of which an answer left two: a sensor that drifts goes on at rest
 ANSWER_S = 1.0  # from a question to its answer
 BEFORE_S = 1.0  # of motion before the fault that are asked
 MOST_PAUSE_S = 300.0  # between two questions, where answers bring nothing
@@ -44,7 +45,7 @@ class StreamWord:
         self.question: Question | None = None
         self.told: tuple[str, Event] | None = None  # the label that was asked about, and the answer
         self.start_s, self.ask_s = np.nan, np.inf
-        self.rested = False  # whether the end of the move was looked at
+        self.rests = 0  # how often the rest after the move was waited for
         self.pause: dict[str, float] = {}  # by the label that was asked about
         self.not_before: dict[str, float] = {}
 
@@ -65,36 +66,66 @@ class StreamWord:
     def follow(self, t: float, event: Event, under_way: bool, recent: Recent) -> None:
         """Look at a sample: t [s], the verdict of the bank on its move, whether the motor is driven."""
         if event.start_s != self.start_s:
-            self.start_s, self.told, self.question, self.ask_s, self.rested = (
-                event.start_s,
-                None,
-                None,
-                np.inf,
-                False,
-            )
+            self.start_s, self.told, self.question = event.start_s, None, None
+            self.ask_s, self.rests = np.inf, 0
         if self.question is not None:
             if t >= self.question.due_s:
                 self.answered()
             return
-        if (self.told is not None and self.told[0] == event.label) or not self._open(event, under_way):
+        if not under_way and not self.rests and event.label == NOMINAL:
+            self.ask_s = np.inf  # the rest after a move is the better time
+        if self._settled(event, under_way) or not self._open(event, under_way):
             self.ask_s = np.inf
         elif t >= self.ask_s:
             self._ask(t, event, recent)
-        elif self.ask_s == np.inf and (under_way or not self.rested):
-            self.rested = not under_way
-            self.ask_s = max(t + (ASK_S if under_way else REST_S), self.not_before.get(event.label, -np.inf))
+        elif self.ask_s == np.inf and (under_way or self.rests < self._most_rests()):
+            self.rests += not under_way
+            self.ask_s = self._when(t, event, under_way, recent)
+
+    def at_the_end(self, t: float, event: Event, recent: Recent) -> Event | None:
+        """What is said of the move with which a stream ends, asked now where that would have come later."""
+        told = self.answered()
+        if self.ask_s < np.inf or (told is not None and self._unsure()):
+            self._ask(t, event, recent)
+        return self.answered() or told
+
+    def _when(self, t: float, event: Event, under_way: bool, recent: Recent) -> float:
+        """When to ask about a move [s]: one that is healthy again but was doubted at its end, or before its samples are gone."""
+        if under_way and event.label == NOMINAL:
+            return recent.safe_until(self._first_s(event))
+        wait = ASK_S if under_way else LONG_REST_S if self._unsure() else REST_S
+        return max(t + wait, self.not_before.get(event.label, -np.inf))
+
+    def _settled(self, event: Event, under_way: bool) -> bool:
+        """Whether the verdict of the bank was asked about, and the answer is sure or waits for the rest after the move."""
+        told = self.told is not None and self.told[0] == event.label
+        return told and (under_way or not self._unsure())
+
+    def _unsure(self) -> bool:
+        """Whether an answer left two: a rest may tell them apart."""
+        return self.told is not None and self.told[1].probability < self.settings.decision.isolated
+
+    def _most_rests(self) -> int:
+        return 2 if self._unsure() else 1
+
+    @staticmethod
+    def _first_s(event: Event) -> float:
+        """From where on a move is asked about [s]."""
+        doubted = event.detected_s or event.doubted_s
+        return event.start_s if doubted is None else max(event.start_s, doubted - BEFORE_S)
 
     def _open(self, event: Event, under_way: bool) -> bool:
-        """Whether a move has no name, or has ended: healthy after a doubt, or with a fault that has a size."""
+        """Whether a move has no name, is healthy after a doubt, or has ended with a fault that has a size."""
         if event.label == UNKNOWN:
             return event.probability > self.settings.decision.isolated
-        sized = any(own.tells for own in FAULTS[event.label].sizes)
-        return not under_way and (sized or (event.label == NOMINAL and event.doubted_s is not None))
+        if event.label == NOMINAL:
+            return event.doubted_s is not None
+        return not under_way and any(own.tells for own in FAULTS[event.label].sizes)
 
     def _ask(self, t: float, event: Event, recent: Recent) -> None:
         """Ask about the move as far as the sample at t [s]."""
         self.ask_s, doubted = np.inf, event.detected_s or event.doubted_s
-        found = None if doubted is None else recent.between(max(event.start_s, doubted - BEFORE_S), t)
+        found = None if doubted is None else recent.between(self._first_s(event), t)
         if found is None:
             return
         window, memory = found

@@ -66,3 +66,16 @@ def test_what_is_asked_of_a_move_is_told_before_the_next_one() -> None:
 
 def test_a_healthy_stream_is_asked_nothing() -> None:
     assert [label for _, label in streamed(hidden.NO_FAULT, 64)[1]] == ["nominal"]
+
+
+def test_a_fault_long_before_the_end_of_its_move_is_asked_about_while_it_is_remembered() -> None:
+    long = hidden.single_move(speed=205.0, hold_s=14.0, pitch_deg=4.0)
+    live, told = streamed(hidden.Fault("coupling_loss", 1.7, duration_s=0.3), 256, long)
+    assert live.verdict().label == told[-1][1] == "coupling_loss"
+    assert told[-1][0] < long.moves[0].brake_s
+
+
+def test_a_slip_is_told_from_a_sensor_by_the_rest_after_the_move() -> None:
+    live, told = streamed(hidden.Fault("slip", 1.5, size=0.3), 64)
+    assert live.verdict().label == told[-1][1] == "slip"
+    assert live.verdict().probability > 0.95 and not live.verdict().alike
