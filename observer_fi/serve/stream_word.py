@@ -46,6 +46,9 @@ class StreamWord:
         self.told: tuple[str, Event] | None = None  # the label that was asked about, and the answer
         self.start_s, self.ask_s = np.nan, np.inf
         self.rests = 0  # how often the rest after the move was waited for
+        self.doubted_s: float | None = (
+            None  # when a fault was first detected in the move, which the bank may forget
+        )
         self.pause: dict[str, float] = {}  # by the label that was asked about
         self.not_before: dict[str, float] = {}
 
@@ -67,11 +70,11 @@ class StreamWord:
         """Look at a sample: t [s], the verdict of the bank on its move, whether the motor is driven."""
         if event.start_s != self.start_s:
             self.start_s, self.told, self.question = event.start_s, None, None
-            self.ask_s, self.rests = np.inf, 0
-        if self.question is not None:
-            if t >= self.question.due_s:
-                self.answered()
+            self.ask_s, self.rests, self.doubted_s = np.inf, 0, None
+        event = self._doubted(event)
+        if self.question is not None and t < self.question.due_s:
             return
+        self.answered()
         if not under_way and not self.rests and event.label == NOMINAL:
             self.ask_s = np.inf  # the rest after a move is the better time
         if self._settled(event, under_way) or not self._open(event, under_way):
@@ -84,10 +87,18 @@ class StreamWord:
 
     def at_the_end(self, t: float, event: Event, recent: Recent) -> Event | None:
         """What is said of the move with which a stream ends, asked now where that would have come later."""
-        told = self.answered()
-        if self.ask_s < np.inf or (told is not None and self._unsure()):
+        told, event = self.answered(), self._doubted(event)
+        waits = self.ask_s < np.inf or not self.rests or self._unsure()
+        if waits and not self._settled(event, False) and self._open(event, False):
             self._ask(t, event, recent)
         return self.answered() or told
+
+    def _doubted(self, event: Event) -> Event:
+        """The verdict of the bank with the first doubt of its move, be it forgotten in the end."""
+        if self.doubted_s is None:
+            self.doubted_s = event.detected_s
+        forgotten = event.label == NOMINAL and event.doubted_s is None
+        return event._replace(doubted_s=self.doubted_s) if forgotten else event
 
     def _when(self, t: float, event: Event, under_way: bool, recent: Recent) -> float:
         """When to ask about a move [s]: one that is healthy again but was doubted at its end, or before its samples are gone."""

@@ -20,8 +20,12 @@ def streamed(
     fault: hidden.Fault, batch: int, profile: hidden.Profile = MOVE
 ) -> tuple[Live, list[tuple[float, str]]]:
     """A stream at its end, and what it told when."""
-    truth = hidden.TruthSpec(profile, hidden.TABLE_1, fault, start_integral_rad=0.02)
-    log = log_from_frame(hidden.make_log(truth, 3)[0])
+    return streamed_truth(hidden.TruthSpec(profile, hidden.TABLE_1, fault, start_integral_rad=0.02), 3, batch)
+
+
+def streamed_truth(truth: hidden.TruthSpec, seed: int, batch: int) -> tuple[Live, list[tuple[float, str]]]:
+    """A stream of a log at its end, and what it told when."""
+    log = log_from_frame(hidden.make_log(truth, seed)[0])
     table = np.column_stack((log.t, log.z, log.pitch, log.w_cmd))
     live, told = Live(RIG, Settings()), []
     for k in range(0, len(table), batch):
@@ -79,3 +83,11 @@ def test_a_slip_is_told_from_a_sensor_by_the_rest_after_the_move() -> None:
     live, told = streamed(hidden.Fault("slip", 1.5, size=0.3), 64)
     assert live.verdict().label == told[-1][1] == "slip"
     assert live.verdict().probability > 0.95 and not live.verdict().alike
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(92007, "coupling_for_a_while"), (92010, "slip_growing")])
+def test_what_the_bank_forgot_as_the_move_ended_is_no_all_clear(seed: int, kind: str) -> None:
+    """One lost its name and was healthy again before the answer came, one was an overload for 40 ms before the stop."""
+    truth = hidden.draw_severity_case(seed, kind)
+    live, told = streamed_truth(truth, seed, 64)
+    assert live.verdict().label == told[-1][1] == truth.fault.label
