@@ -26,7 +26,6 @@ from observer_fi.bank.work_arrays import rows_of, work_arrays
 from observer_fi.numerics import (
     aligned_empty,
     any_of_rare,
-    compiled,
     inlined,
     maximum,
     sqrt,
@@ -332,14 +331,19 @@ def soft_stop(rig: Rig) -> float:
     return rig.model["A"] / rig.model["J"]
 
 
-@compiled
-def under_way(interval, w_cmd, t, before, soft):
+def under_way(interval: Array, w_cmd: Array, t: Array, before: float, soft: float) -> NDArray[np.bool_]:
     """Whether each sample counts as evidence, (n,): the motor is commanded to turn and is not being stopped.
 
     t (n,) [s], before: of the sample before them, NaN where there is none. soft: what slows by no more than this is driven, and
     no stop [rad/s^2]. A stop and the rest after it say little about the move that ended and must not overturn its verdict.
     """
     out = np.empty(w_cmd.size, dtype=np.bool_)
+    _under_way(interval, w_cmd, t, before, soft, out)
+    return out
+
+
+@uncounted
+def _under_way(interval, w_cmd, t, before, soft, out):
     for k in range(w_cmd.size):
         was, dt = abs(interval[k, 0]), t[k] - before
         room = 1e-9 * was
@@ -347,4 +351,3 @@ def under_way(interval, w_cmd, t, before, soft):
             room = max(room, soft * dt)
         out[k] = w_cmd[k] != 0.0 and abs(w_cmd[k]) >= was - room
         before = t[k]
-    return out
