@@ -56,6 +56,14 @@ def test_nothing_heavy_is_imported_before_it_is_asked_for() -> None:
     assert loaded.strip() == "[]"
 
 
+def test_a_diagnosis_with_its_page_imports_only_what_it_needs(tmp_path: Path) -> None:
+    log = DATA / "overload_steady.csv.gz"
+    words = ["diagnose", str(log), "--quiet", "--out", str(tmp_path)]
+    slow = ("pandas", "matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate")
+    run = f"import sys; from observer_fi.cli import main; main({words!r})"
+    assert python(f"{run}; print([m for m in {slow} if m in sys.modules])").strip() == "[]"
+
+
 def test_the_start_takes_less_than_a_tenth_of_a_second_of_work() -> None:
     code = (
         "import time; before = time.process_time(); import observer_fi; print(time.process_time() - before)"

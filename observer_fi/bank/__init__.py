@@ -6,9 +6,13 @@ from observer_fi.bank import compiled_bank, first_state, log_feed, transition
 from observer_fi.bank.bank_state import (
     BankState,
     HypothesisState,
+    Visits,
     bank_state_of,
+    entries,
     state_of,
     state_places,
+    states_of,
+    visits_of,
     write_state,
 )
 from observer_fi.bank.compiled_bank import Bank, LogSamples
@@ -38,7 +42,11 @@ __all__ = [
     "first_state",
     "log_feed",
     "of_a_move",
+    "entries",
+    "Visits",
     "state_of",
+    "states_of",
+    "visits_of",
     "write_state",
     "bank_state_of",
     "work_arrays",

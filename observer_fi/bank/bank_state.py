@@ -1,5 +1,6 @@
 """What a bank remembers between samples: the memories of its hypotheses side by side (`bank_rows.py`)."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,67 @@ class HypothesisState(NamedTuple):
     stopped: Array
 
 
+class StatePlaces(NamedTuple):
+    """Where a hypothesis has its states, to (n,), and row and column of their covariances, low and high (n, n)."""
+
+    to: NDArray[np.int64]
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+
+
+class Visits(NamedTuple):
+    """Moments of a run at which one number of the rows takes in what a hypothesis remembers, or gives out what it does.
+
+    at (r,) samples in increasing order, before each of which it happens (n: after the last); row (r,); enters (r,) whether it
+    takes in. What comes in or goes out: x (r, n), P (r, n, n) on and above its diagonal, slow (r, carried), bias (r, 2),
+    predicted and glitches (r, 3); z (r, 3), t and stopped (r, 1) of the bank go out only.
+    """
+
+    at: NDArray[np.int64]
+    row: NDArray[np.int64]
+    enters: NDArray[np.bool_]
+    x: Array
+    P: Array
+    slow: Array
+    bias: Array
+    predicted: Array
+    glitches: Array
+    z: Array
+    t: Array
+    stopped: Array
+
+
+def visits_of(b: BankRows, at: Sequence[int]) -> Visits:
+    """So many visits of the first number, which give out what it remembers."""
+    r = len(at)
+    shapes = ((b.n,), (b.n, b.n), (b.carried,), (2,), (3,), (3,), (3,), (1,), (1,))
+    return Visits(
+        np.array(at, dtype=np.int64), np.zeros(r, dtype=np.int64), np.zeros(r, dtype=np.bool_),
+        *(np.zeros((r, *shape)) for shape in shapes),
+    )  # fmt: skip
+
+
+def entries(
+    b: BankRows, at: Sequence[int], places: StatePlaces, memories: Sequence[HypothesisState]
+) -> Visits:
+    """Visits of the numbers in their order, which take in the memories of hypotheses with the same places."""
+    made = visits_of(b, at)
+    made.row[:], made.enters[:] = np.arange(len(at)), True
+    made.x[:, places.to] = [m.x for m in memories]
+    made.P[:, places.low, places.high] = [m.P for m in memories]
+    made.slow[:], made.bias[:] = [m.slow for m in memories], [m.bias for m in memories]
+    made.predicted[:], made.glitches[:] = [m.predicted for m in memories], [m.glitches for m in memories]
+    return made
+
+
+def states_of(v: Visits, places: StatePlaces) -> list[HypothesisState]:
+    """What visits gave out of a hypothesis with these places."""
+    given = (
+        v.x[:, places.to], v.P[:, places.low, places.high], v.slow, v.bias, v.predicted, v.glitches, v.z, v.t, v.stopped
+    )  # fmt: skip
+    return [HypothesisState(*one) for one in zip(*given, strict=True)]
+
+
 def bank_state_of(b: BankRows, memories: list[HypothesisState]) -> BankState:
     """The memory of a bank from those of its hypotheses at one time; its probabilities are those of a bank that begins."""
     L, first = len(b.wide), memories[0]
@@ -57,14 +119,6 @@ def bank_state_of(b: BankRows, memories: list[HypothesisState]) -> BankState:
     for row in range(L):
         write_state(s, row, state_places(b, row), memories[row if row < b.m else 0])
     return s
-
-
-class StatePlaces(NamedTuple):
-    """Where a hypothesis has its states, to (n,), and row and column of their covariances, low and high (n, n)."""
-
-    to: NDArray[np.int64]
-    low: NDArray[np.int64]
-    high: NDArray[np.int64]
 
 
 def state_places(b: BankRows, row: int) -> StatePlaces:

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from observer_fi.bank import ekf as extended
 from observer_fi.bank import transition as tr
 from observer_fi.bank import ukf as unscented
-from observer_fi.bank.bank_state import BankState, HypothesisState, bank_state_of, state_of, state_places
+from observer_fi.bank.bank_state import (
+    BankState,
+    HypothesisState,
+    bank_state_of,
+    state_of,
+    state_places,
+    visits_of,
+)
 from observer_fi.bank.first_state import first_readings, start
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
 from observer_fi.bank.imm import mix, posterior
@@ -26,7 +33,6 @@ from observer_fi.bank.work_arrays import rows_of, work_arrays
 from observer_fi.numerics import (
     aligned_empty,
     any_of_rare,
-    compiled,
     inlined,
     maximum,
     sqrt,
@@ -199,14 +205,61 @@ def _interval(feed, k, before, tune):
     return min(feed.t[k] - before, tune.longest) if before == before else before
 
 
+@inlined
+def _visited(b, state, visits, q, k, before):
+    """Make the visits from q on that are due before sample k; the first one that is not."""
+    while q < visits.at.size and visits.at[q] == k:
+        j = visits.row[q]
+        if visits.enters[q]:
+            _enter(b, state, visits, q, j)
+        else:
+            _give_out(b, state, visits, q, j)
+            visits.t[q, 0] = before
+        q += 1
+    return q
+
+
+@inlined
+def _enter(b, state, visits, q, j):
+    """Number j of the rows remembers what visit q brings."""
+    for u in range(b.n):
+        state.x[u, j] = visits.x[q, u]
+        for v in range(u, b.n):
+            state.P[u, v, j] = visits.P[q, u, v]
+    for u in range(b.carried):
+        state.slow[u, j] = visits.slow[q, u]
+    for u in range(2):
+        state.bias[u, j] = visits.bias[q, u]
+    for u in range(3):
+        state.predicted[u, j], state.glitches[u, j] = visits.predicted[q, u], visits.glitches[q, u]
+
+
+@inlined
+def _give_out(b, state, visits, q, j):
+    """What number j of the rows remembers, into visit q."""
+    for u in range(b.n):
+        visits.x[q, u] = state.x[u, j]
+        for v in range(u, b.n):
+            visits.P[q, u, v] = state.P[u, v, j]
+    for u in range(b.carried):
+        visits.slow[q, u] = state.slow[u, j]
+    for u in range(2):
+        visits.bias[q, u] = state.bias[u, j]
+    for u in range(3):
+        visits.predicted[q, u], visits.glitches[q, u] = state.predicted[u, j], state.glitches[u, j]
+        visits.z[q, u] = state.z[u]
+    visits.stopped[q, 0] = state.stopped[0]
+
+
 @uncounted
-def run(b, tune, state, scr, feed, out):
+def run(b, tune, state, scr, feed, out, visits):
     """Advance a bank of extended filters over n samples; every array of `out` is filled and `state` updated in place.
 
-    b BankRows, tune Tuning, state BankState, scr Scratch, feed Feed, out Written.
+    b BankRows, tune Tuning, state BankState, scr Scratch, feed Feed, out Written, visits Visits.
     """
-    r, before = rows_of(b, state, scr), state.t[0]
+    r, before, q = rows_of(b, state, scr), state.t[0], 0
     for k in range(feed.t.size):
+        q = _visited(b, state, visits, q, k, before)
         dt, first, before = _interval(feed, k, before, tune), before != before, feed.t[k]
         mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
@@ -223,14 +276,16 @@ def run(b, tune, state, scr, feed, out):
         extended.update(b, tune, r, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
         _finish(b, state, scr, r, feed, out, k)
+    _visited(b, state, visits, q, feed.t.size, before)
     state.t[0] = before
 
 
 @uncounted
-def run_unscented(b, tune, state, scr, feed, out):
+def run_unscented(b, tune, state, scr, feed, out, visits):
     """As `run`, with unscented filters. A loop of its own, so that only the filter in use is compiled."""
-    r, u, before = rows_of(b, state, scr), unscented.work_rows(b, scr.unscented), state.t[0]
+    r, u, before, q = rows_of(b, state, scr), unscented.work_rows(b, scr.unscented), state.t[0], 0
     for k in range(feed.t.size):
+        q = _visited(b, state, visits, q, k, before)
         dt, first, before = _interval(feed, k, before, tune), before != before, feed.t[k]
         mixing = _begin(b, tune, state, scr, r, dt, feed, k, first)
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
@@ -245,6 +300,7 @@ def run_unscented(b, tune, state, scr, feed, out):
         unscented.update(b, tune, r, u, feed.z, k, state.z, feed.w_cmd[k])
         _judge(b, state, scr, r, lost, mixing)
         _finish(b, state, scr, r, feed, out, k)
+    _visited(b, state, visits, q, feed.t.size, before)
     state.t[0] = before
 
 
@@ -271,7 +327,7 @@ class Bank:
         self.seats = [state_places(self.rows, j) for j in range(self.rows.m)]
         self.tuning = tuning(settings)
         self.run = run_unscented if filter_kind == "ukf" else run
-        self.scratch = work_arrays(self.rows)
+        self.scratch, self.unvisited = work_arrays(self.rows), visits_of(self.rows, [])
         self.state: BankState | None = None
         self.recent: LogSamples | None = None
         self.snapshots: deque[tuple[float, HypothesisState]] = deque()
@@ -297,7 +353,7 @@ class Bank:
         return self._estimate(now, out).at(own)
 
     def _run(self, feed: LogSamples, out: Written) -> None:
-        self.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
+        self.run(self.rows, self.tuning, self.state, self.scratch, feed, out, self.unvisited)
 
     def _estimate(self, feed: LogSamples, out: Written) -> Estimate:
         names = tuple(h.name for h in self.hypotheses)
@@ -332,14 +388,19 @@ def soft_stop(rig: Rig) -> float:
     return rig.model["A"] / rig.model["J"]
 
 
-@compiled
-def under_way(interval, w_cmd, t, before, soft):
+def under_way(interval: Array, w_cmd: Array, t: Array, before: float, soft: float) -> NDArray[np.bool_]:
     """Whether each sample counts as evidence, (n,): the motor is commanded to turn and is not being stopped.
 
     t (n,) [s], before: of the sample before them, NaN where there is none. soft: what slows by no more than this is driven, and
     no stop [rad/s^2]. A stop and the rest after it say little about the move that ended and must not overturn its verdict.
     """
     out = np.empty(w_cmd.size, dtype=np.bool_)
+    _under_way(interval, w_cmd, t, before, soft, out)
+    return out
+
+
+@uncounted
+def _under_way(interval, w_cmd, t, before, soft, out):
     for k in range(w_cmd.size):
         was, dt = abs(interval[k, 0]), t[k] - before
         room = 1e-9 * was
@@ -347,4 +408,3 @@ def under_way(interval, w_cmd, t, before, soft):
             room = max(room, soft * dt)
         out[k] = w_cmd[k] != 0.0 and abs(w_cmd[k]) >= was - room
         before = t[k]
-    return out

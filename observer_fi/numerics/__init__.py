@@ -1,6 +1,13 @@
 """Compilation and arithmetic on numbers or rows of numbers; no physics."""
 
-from observer_fi.numerics.compile import compiled, compiled_sources, inlined, uncounted, when_compiling
+from observer_fi.numerics.compile import (
+    compiled,
+    compiled_sources,
+    in_python,
+    inlined,
+    uncounted,
+    when_compiling,
+)
 from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
 from observer_fi.numerics.rows import (
     MOST,
@@ -22,7 +29,14 @@ from observer_fi.numerics.rows import (
     where_above,
     zeros_like,
 )
-from observer_fi.numerics.series import autocorrelation, constant_runs, correlation_time, filled, runs
+from observer_fi.numerics.series import (
+    autocorrelation,
+    constant_runs,
+    correlation_time,
+    filled,
+    runs,
+    weighted_means,
+)
 
 __all__ = [
     "MOST",
@@ -39,6 +53,7 @@ __all__ = [
     "filled",
     "floor",
     "gram",
+    "in_python",
     "inlined",
     "maximum",
     "log",
@@ -58,5 +73,6 @@ __all__ = [
     "subtract_rows",
     "tanh",
     "uncounted",
+    "weighted_means",
     "when_compiling",
 ]

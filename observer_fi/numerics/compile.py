@@ -17,6 +17,7 @@ from numba.core import event
 
 from observer_fi.numerics import rows_llvm as registers  # noqa: F401  (kernels may hold rows)
 from observer_fi.numerics.inlining import InlinedFunction
+from observer_fi.numerics.kept_kernels import KernelCache
 
 # Rooms all of whose modules count: kernels take equations, places and constants from any of them. In other rooms a module
 # counts that compiles anything, which is one that imports from here.
@@ -30,7 +31,7 @@ _NEWEST, _FORGOTTEN_S = (
 # of a loop and chooses by where its arrays happen to lie, so that two runs over one log would differ in the last digit.
 _FASTMATH = {"nsz", "contract"}
 _OPTIONS: dict[str, Any] = {
-    "cache": True, "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True, "no_cfunc_wrapper": True,
+    "error_model": "numpy", "fastmath": _FASTMATH, "nogil": True, "no_cfunc_wrapper": True,
 }  # fmt: skip
 # Counting references to arrays that nobody frees takes most of a small loop's time; numba keeps the switch private.
 _UNCOUNTED: dict[str, Any] = {**_OPTIONS, "_nrt": False}
@@ -110,7 +111,15 @@ def when_compiling(tell: Callable[[], None]) -> None:
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` compiled by numba, or as it is where NUMBA_DISABLE_JIT is set."""
-    return numba.njit(**_OPTIONS)(function)
+    return _kept(function, _OPTIONS)
+
+
+def _kept(function: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    kernel = numba.njit(**options)(function)
+    kernel._cache = KernelCache(function, counted=options.get("_nrt", True))
+    return kernel
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -120,11 +129,14 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
-    options = {key: value for key, value in _UNCOUNTED.items() if key != "cache"}
-    alone = numba.njit(**_UNCOUNTED)(function)
-    return InlinedFunction(function, alone, {**options, "nopython": True, "forceinline": True})
+    return InlinedFunction(function, uncounted, {**_UNCOUNTED, "nopython": True, "forceinline": True})
+
+
+def in_python(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The Python function behind a compiled one: for a few numbers it has the answer before machine code is loaded."""
+    return getattr(function, "py_func", function)
 
 
 def uncounted(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `compiled`, without reference counts: for loops that allocate nothing and get all their work arrays."""
-    return numba.njit(**_UNCOUNTED)(function)
+    return _kept(function, _UNCOUNTED)

@@ -65,12 +65,18 @@ class InlinedFunction(CPUDispatcher):
     """A function for kernels; called from Python it is compiled once more, by itself."""
 
     def __init__(
-        self, function: Callable[..., Any], alone: Callable[..., Any], options: dict[str, Any]
+        self,
+        function: Callable[..., Any],
+        compiled: Callable[[Callable[..., Any]], Callable[..., Any]],
+        options: dict[str, Any],
     ) -> None:
         super().__init__(function, targetoptions=options, pipeline_class=_LoweringCompiler)
-        self.alone = alone
+        self.compiled = compiled
+        self.alone: Callable[..., Any] | None = None
 
     def __call__(self, *args: Any) -> Any:
+        if self.alone is None:
+            self.alone = self.compiled(self.py_func)
         return self.alone(*args)
 
     def add_overload(self, result: Any) -> None:

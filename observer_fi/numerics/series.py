@@ -1,10 +1,9 @@
 """Series of samples: runs of a mask, missing values filled, autocorrelation."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.numerics.compile import uncounted
 from observer_fi.records import Array
 
 Rows = NDArray[np.int64]
@@ -34,8 +33,8 @@ def filled(y: Array, at: Array | None = None) -> Array:
 
 def autocorrelation(y: Array, lags: int) -> Array:
     """(lags,) autocorrelation of y at the lags 1 to `lags`, lags < n; 0 for a constant."""
-    y = y - y.mean()
-    both = _correlate()(y, y, mode="full", method="fft")[y.size - 1 : y.size + lags]
+    room = 1 << (y.size + lags).bit_length()  # zeros behind it, so that its end does not meet its beginning
+    both = np.fft.irfft(np.abs(np.fft.rfft(y - y.mean(), room)) ** 2, room)[: lags + 1]
     return both[1:] / both[0] if both[0] > 0.0 else np.zeros(lags)
 
 
@@ -46,7 +45,19 @@ def correlation_time(y: Array, lags: int) -> float:
     return 1.0 + 2.0 * float(rho[: int(below[0]) if below.size else rho.size].sum())
 
 
-def _correlate() -> Callable[..., Array]:
-    from scipy.signal import correlate  # takes longer to import than a short log to diagnose
+def weighted_means(y: Array, weight: float, mean: Array) -> Array:
+    """(n, k) exponentially weighted means of the rows of y (n, k) up to each: m <- m + weight (y - m).
 
-    return correlate
+    mean (k,): before the first row, updated in place. The filter of scipy.signal would take longer to import than a log to judge.
+    """
+    out = np.empty(y.shape)
+    _follow(np.ascontiguousarray(y), weight, mean, out)
+    return out
+
+
+@uncounted
+def _follow(y: Array, weight: float, mean: Array, out: Array) -> None:
+    for k in range(y.shape[0]):
+        for c in range(y.shape[1]):
+            mean[c] = weight * y[k, c] + (1.0 - weight) * mean[c]
+            out[k, c] = mean[c]

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from observer_fi.numerics import compiled, inlined
+from observer_fi.numerics import inlined, uncounted
 from observer_fi.records import Array
 
 ALIKE = 4.0  # times as steep, and a curve goes on: a curve that begins with a square has 1, 3, 5 times its first step
@@ -44,7 +44,7 @@ def corners(t: Array, w_cmd: Array, accel: float) -> tuple[Array, Array]:
     return knots[0, :count].copy(), knots[1, :count].copy()
 
 
-@compiled
+@uncounted
 def _corners(t, w_cmd, accel, knots):
     count, slope = 0, 0.0
     for j in range(t.size):

@@ -9,10 +9,10 @@ import math
 from observer_fi.numerics import (
     MOST,
     any_of_rare,
-    compiled,
     copysign,
     inlined,
     side_by_side,
+    uncounted,
     where_above,
     zeros_like,
 )
@@ -83,7 +83,7 @@ def _command(commands, late, j, k, pieces):
     )  # fmt: skip
 
 
-@compiled
+@uncounted
 def run(t, commands, late, fine, theta, p, start, out, steps=2):
     """States at every sample time, open loop from `start`.
 
@@ -95,7 +95,7 @@ def run(t, commands, late, fine, theta, p, start, out, steps=2):
     _run(t, commands, late, fine, theta, p, p, start, out, steps)
 
 
-@compiled
+@uncounted
 def run_lanes(t, commands, late, fine, theta, p, pace, start, out, steps=2):
     """As `run` for LANES parameter vectors at once, alike in `paced`: p (VECTOR_SIZE, L), start and out with L lanes behind.
 
@@ -133,7 +133,7 @@ def _within(commands, j, share):
     return left + u * (4.0 * middle - 3.0 * left - right + 2.0 * u * (left - 2.0 * middle + right))
 
 
-@compiled
+@uncounted
 def readings(t, states, p, out):
     """What the sensors show: voltage [V], current [A], position [m], with their delays, lags, gains and offsets.
 
@@ -170,7 +170,7 @@ def readings(t, states, p, out):
         out[j, 0] += p[a.VOLTAGE_OFFSET]
 
 
-@compiled
+@uncounted
 def _delay(t, y, delay):
     """y(t - delay) in place, linear between samples, constant before the first."""
     k = t.size - 1
@@ -185,7 +185,7 @@ def _delay(t, y, delay):
             y[j] = y[k] + (at - t[k]) / (t[k + 1] - t[k]) * (y[k + 1] - y[k])
 
 
-@compiled
+@uncounted
 def _delay_voltage(t, states, delay, out):
     """V(t - delay) into the first column of out, linear between the quarters of the sampling intervals."""
     n = t.size

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from observer_fi.numerics import compiled
+from observer_fi.numerics import uncounted
 from observer_fi.records import Array
 
 
@@ -36,7 +36,7 @@ def planned(knots: Array, values: Array, accel: float) -> tuple[Array, Array]:
     return out[0, -count:], out[1, -count:]
 
 
-@compiled
+@uncounted
 def _planned(t, v, accel, out):
     at = out.shape[1] - 1
     out[0, at], out[1, at] = t[-1], v[-1]
@@ -54,7 +54,7 @@ def _planned(t, v, accel, out):
     return out.shape[1] - at
 
 
-@compiled
+@uncounted
 def _quarters(t, knots, values, delay, out):
     n, last = t.size, knots.size - 1
     k, area = 0, 0.0
@@ -80,7 +80,7 @@ def _quarters(t, knots, values, delay, out):
     out[n - 1, 1:] = out[n - 1, 0]
 
 
-@compiled
+@uncounted
 def _slew(t, accel, out):
     y = out[0, 0]
     for j in range(t.size):

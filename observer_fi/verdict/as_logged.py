@@ -12,6 +12,7 @@ import numpy as np
 
 from observer_fi.bank import REPEATING, Bank, bank, between_samples
 from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
+from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations, with_values
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
@@ -155,7 +156,7 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
         return 0.0
     model = rig.model
     current = (a.current.offset - model["current_offset"]) / model["current_gain"]
-    expected = equations.terminal_voltage(current, 0.0, 0.0, model.vector) + model["voltage_offset"]
-    off = float(a.voltage.offset - expected)
+    expected = in_python(equations.terminal_voltage)(current, 0.0, 0.0, model.vector)
+    off = float(a.voltage.offset - expected - model["voltage_offset"])
     noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
     return off if math.isfinite(off) and abs(off) > OFFSET * noise else 0.0

@@ -5,9 +5,9 @@ exponentially weighted mean (Roberts 1959) costs nothing in memory and says when
 """
 
 import numpy as np
-from scipy.signal import lfilter
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState
+from observer_fi.numerics import weighted_means
 from observer_fi.physics import FAULTS, NOMINAL, Rig
 from observer_fi.records import Array, Event, Severity
 
@@ -30,7 +30,7 @@ class Drift:
     """Watches one move. since: when a mean was first beyond the limit [s], None so far."""
 
     def __init__(self) -> None:
-        self.means: list[Array] = [np.zeros((1, 2)) for _ in TIMES_S]
+        self.means: list[Array] = [np.zeros(2) for _ in TIMES_S]
         self.seen = 0
         self.since: float | None = None
 
@@ -43,7 +43,7 @@ class Drift:
         self.seen += t.size
         for j, time in enumerate(TIMES_S):
             weight = min(interval / time, 1.0)
-            mean, self.means[j] = lfilter([weight], [1.0, weight - 1.0], z, axis=0, zi=self.means[j])
+            mean = weighted_means(z, weight, self.means[j])
             std = np.sqrt(weight / (2.0 - weight) * (1.0 - (1.0 - weight) ** (2 * k)))
             beyond = np.flatnonzero((np.abs(mean) > LIMIT * std[:, None]).any(axis=1))
             if beyond.size:
@@ -59,7 +59,7 @@ def largest_means(normalised: Array, interval: float) -> Array:
     z, largest = np.nan_to_num(normalised[:, CHANNELS]), np.zeros(len(normalised))
     for time in TIMES_S:
         weight = min(interval / time, 1.0)
-        mean = lfilter([weight], [1.0, weight - 1.0], z, axis=0)
+        mean = weighted_means(z, weight, np.zeros(2))
         largest = np.maximum(largest, np.abs(mean).max(axis=1) / np.sqrt(weight / (2.0 - weight)))
     return largest
 

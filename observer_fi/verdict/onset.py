@@ -5,6 +5,7 @@ its median and its 95 % interval are what a report states.
 """
 
 import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +16,17 @@ from observer_fi.bank import (
     Hypothesis,
     HypothesisState,
     LogSamples,
+    Visits,
     arrays,
     bank_rows,
     bank_state_of,
+    entries,
     start,
     state_of,
     state_places,
+    states_of,
     tuning,
+    visits_of,
     work_arrays,
     write_state,
 )
@@ -54,6 +59,7 @@ class _SideBySide:
         self.state = bank_state_of(self.rows, start(hypotheses, b, np.zeros(3), 0.0, rig.watched))
         self.tuning, self.scratch = tuning(settings), work_arrays(self.rows)
         self.prior, self.noise = (b.entry_mean[0], b.entry_var[0]), b.noise
+        self.unvisited = visits_of(self.rows, [])
         self.still, self.out = np.zeros(n, dtype=np.bool_), kernels.written(n, count)
 
     def begin(self, memory: HypothesisState) -> None:
@@ -72,12 +78,50 @@ class _SideBySide:
     def density(self, w: LogSamples, first: int, last: int) -> Array:
         """Log-densities of samples first:last, (last - first, count), a step of all filters; of any number of samples a copy."""
         if last - first > self.room:
-            middle = [*range(first, last, self.room), last]
-            return np.concatenate([self.density(w, a, b).copy() for a, b in itertools.pairwise(middle)])
+            return np.concatenate([self.density(w, a, b).copy() for a, b in self._pieces(first, last)])
+        return self._run(w, first, last, self.unvisited)
+
+    def _run(self, w: LogSamples, first: int, last: int, visits: Visits) -> Array:
         out = self.out.cut(0, last - first)
         feed = w.cut(first, last)._replace(active=self.still[: last - first])
-        kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out)
+        kernels.run(self.rows, self.tuning, self.state, self.scratch, feed, out, visits)
         return out.density
+
+    def joined(self, w: LogSamples, entered: Mapping[int, HypothesisState], last: int) -> Array:
+        """Log-densities of the samples from the first of `entered` to `last`, (k, count): a filter for each, from its sample on.
+
+        Before its sample a filter gives numbers that mean nothing.
+        """
+        samples = sorted(entered)
+        self.begin(entered[samples[0]])
+        found = []
+        for a, b in self._pieces(samples[0], last):
+            here = [k for k in samples if a <= k < b]
+            visits = self.unvisited
+            if here:
+                visits = entries(self.rows, [k - a for k in here], self.seats, [entered[k] for k in here])
+                visits.row[:] = [samples.index(k) for k in here]
+            found.append(self._run(w, a, b, visits).copy())
+        return np.concatenate(found) if found else np.empty((0, self.out.density.shape[1]))
+
+    def followed(
+        self, w: LogSamples, memory: HypothesisState, samples: Sequence[int]
+    ) -> tuple[list[HypothesisState], Array, Array]:
+        """What the first filter remembers before each of these samples but the first, where it begins.
+
+        And the log-density and misfit of every sample up to the last of them.
+        """
+        self.begin(memory)
+        memories, densities, misfits = [], [], []
+        for a, b in self._pieces(samples[0], samples[-1]):
+            visits = visits_of(self.rows, [k - a for k in samples if a < k <= b])
+            densities.append(self._run(w, a, b, visits)[:, 0].copy())
+            misfits.append(self.misfit(b - a)[:, 0].copy())
+            memories += states_of(visits, self.seats)
+        return memories, np.concatenate(densities), np.concatenate(misfits)
+
+    def _pieces(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        return itertools.pairwise([*range(first, last, self.room), last])
 
     def misfit(self, samples: int) -> Array:
         """Normalised innovation squared of the samples that `density` last took, (samples, count)."""
@@ -183,15 +227,10 @@ class _Scores:
         self.window, self.n = window, n
         self.own, self.others = filters.of(nominal, 1, n), filters.of(fault, MOST, n)
         self.entry = Entry(nominal, fault, filters)
-        self.memories, self.until = [start], [0.0]
-        self.own.begin(start)
-        for k in range(0, n, STRIDE):
-            self._advance(k, min(k + STRIDE, n))
-
-    def _advance(self, first: int, last: int) -> None:
-        gained = float(self.own.density(self.window, first, last).sum())
-        self.memories.append(self.own.memory())
-        self.until.append(self.until[-1] + gained)
+        samples = [*range(0, n, STRIDE), n]
+        later, density, _ = self.own.followed(window, start, samples)
+        self.memories = [start, *later]
+        self.until = np.concatenate(([0.0], np.cumsum(density)))[samples].tolist()
 
     def _before(self, k: int) -> tuple[HypothesisState, float]:
         """The nominal filter before sample k, and its log-likelihood until then."""
@@ -212,14 +251,11 @@ class _Scores:
     def _together(self, samples: list[int]) -> dict[int, float]:
         before = [self._before(k) for k in samples]
         entered = [self.entry(memory) for memory, _ in before]
-        self.others.begin(entered[0])
-        totals = np.array([past for _, past in before])
-        ends = [*samples[1:], self.n]
-        for row, (first, last) in enumerate(zip(samples, ends, strict=True)):
-            self.others.put(row, entered[row])
-            density = self.others.density(self.window, first, last)
-            totals[: row + 1] += density[:, : row + 1].sum(axis=0)
-        return dict(zip(samples, totals.tolist(), strict=True))
+        density = self.others.joined(self.window, dict(zip(samples, entered, strict=True)), self.n)
+        return {
+            k: past + float(density[k - samples[0] :, row].sum())
+            for row, (k, (_, past)) in enumerate(zip(samples, before, strict=True))
+        }
 
 
 def find_onset(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.numerics import compiled
+from observer_fi.numerics import in_python, uncounted
 from observer_fi.physics import FAULTS, OPEN_LOOP, Model, Rig, broken, corners, quarters, sensor_std
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as sim
@@ -157,7 +157,8 @@ def _start(state: Array, w_cmd: float, p: Array) -> Array:
     start[sim.W], start[sim.I], start[sim.X] = state
     start[sim.MASS] = state[2]
     start[sim.PHI] = state[2] / p[a.D]
-    start[sim.LAGGED] = a.passed_current(a.command_current(state[0], state[1], w_cmd, p), p)
+    commanded = in_python(a.command_current)(state[0], state[1], w_cmd, p)
+    start[sim.LAGGED] = in_python(a.passed_current)(commanded, p)
     return start
 
 
@@ -170,7 +171,7 @@ def _commands(t: Array, w_cmd: Array, p: Array) -> tuple[Array, Array]:
     return now, (quarters(t, knots, values, delay + late, *slew) if late else now)
 
 
-@compiled
+@uncounted
 def _judge(
     z: Array, out: Array, y: Array, p: Array, std: Array, last: Array, scaled: Array, nis: Array, mu: Array
 ) -> None:

@@ -2,8 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from observer_fi.numerics.series import autocorrelation, constant_runs, correlation_time, filled, runs
+from observer_fi.numerics.series import (
+    autocorrelation,
+    constant_runs,
+    correlation_time,
+    filled,
+    runs,
+    weighted_means,
+)
 
 
 @pytest.mark.parametrize(
@@ -46,3 +54,13 @@ def test_correlation_time_of_white_noise_is_one_and_of_a_decay_its_sum() -> None
     for k in range(1, y.size):
         y[k] = 0.8 * y[k - 1] + noise[k]
     assert correlation_time(y, 400) == pytest.approx((1.0 + 0.8) / (1.0 - 0.8), rel=0.1)
+
+
+def test_weighted_means_are_the_filter_of_one_pole_whole_or_in_pieces() -> None:
+    y, weight = np.random.default_rng(3).normal(size=(500, 2)), 0.0125
+    expected = lfilter([weight], [1.0, weight - 1.0], y, axis=0)
+    whole, mean = weighted_means(y, weight, np.zeros(2)), np.zeros(2)
+    np.testing.assert_allclose(whole, expected, atol=1e-15)
+    pieces = [weighted_means(part, weight, mean) for part in np.split(y, [1, 170])]
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+    np.testing.assert_array_equal(mean, whole[-1])

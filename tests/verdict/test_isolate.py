@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import chi2
 
 from observer_fi.physics import LABELS, channel_of, label_of, words_of
 from observer_fi.records import Estimate, Event, Isolation
@@ -432,3 +433,9 @@ def test_mean_nis_counts_channels_that_were_measured() -> None:
     assert found.nis_expected == pytest.approx(2.5) and found.nis_mean == pytest.approx(
         2.5, abs=0.06
     )  # 4 sigma
+
+
+@pytest.mark.parametrize("q", [0.0, 1e-3, 3.0, 18.3, 300.0, 1e8])
+def test_the_tail_of_a_chi_square_is_that_of_scipy(q: float) -> None:
+    for freedoms in (2, 10):
+        assert isolate._chi_square_tail(q, freedoms) == pytest.approx(chi2.sf(q, freedoms), rel=1e-12)

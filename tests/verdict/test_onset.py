@@ -113,3 +113,25 @@ def test_looking_for_an_onset_leaves_the_bank_alone() -> None:
     for old, (_, new) in zip(snapshots, bank.snapshots, strict=True):
         for a, b in zip(old, new, strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_filters_that_join_in_one_run_are_those_that_run_one_by_one() -> None:
+    """Across a boundary of the room too, where a run is cut in two; memories on the way are those of short runs."""
+    frame, _ = make_log(draw_move_case(5, "overload"), 5)
+    bank = Bank(RIG, SETTINGS)
+    bank.advance(log_from_frame(frame))
+    nominal, samples, last = bank.hypotheses[0], [10, 11, 260, 700], 900
+    window = bank.recent.cut(0, last)
+    filters = Filters(RIG, SETTINGS)
+    alone = filters.of(nominal, 1, 300)
+    memories, density, misfit = alone.followed(window, bank.snapshots[0][1], [0, *samples, last])
+    entered = dict(zip(samples, memories, strict=False))
+    together = filters.of(nominal, onset.MOST, 300).joined(window, entered, last)
+    for row, first in enumerate(samples):
+        alone.begin(entered[first])
+        expected = alone.density(window, first, last)[:, 0].copy()
+        np.testing.assert_array_equal(together[first - samples[0] :, row], expected)
+        np.testing.assert_array_equal(density[first:], expected)
+    for left, right in zip(memories[-1], alone.memory(), strict=True):
+        np.testing.assert_array_equal(left, right)
+    assert (misfit >= 0.0).all() and misfit.size == last

@@ -306,30 +306,19 @@ class WholeMove:
         side_by_side = self.filters.of(h, MOST, ROOM)
         for at in range(0, len(samples), MOST):
             part = samples[at : at + MOST]
-            totals = np.zeros(len(part))
-            side_by_side.begin(entered[part[0]])
-            for row, (a, b) in enumerate(zip(part, [*part[1:], stops[part[-1]]], strict=True)):
-                side_by_side.put(row, entered[a])
-                if b > a:
-                    density = side_by_side.density(self.window, a, b)
-                    for r in range(row + 1):
-                        totals[r] += density[: max(stops[part[r]] - a, 0), r].sum()
-            out |= dict(zip(part, totals.tolist(), strict=True))
+            first = part[0]
+            density = side_by_side.joined(self.window, {k: entered[k] for k in part}, stops[part[-1]])
+            for row, k in enumerate(part):
+                out[k] = float(density[k - first : max(stops[k], k) - first, row].sum())
         return out
 
     def _follow(
         self, h: Hypothesis, memory: HypothesisState, first: int
     ) -> tuple[list[HypothesisState], Array, Array]:
         """The filter's memories at every STRIDE samples from `first` on; log-density and misfit of each sample."""
-        alone = self.filters.of(h, 1, ROOM)
-        alone.begin(memory)
-        memories, densities, misfits = [memory], [], []
-        for a in range(first, self.n, STRIDE):
-            b = min(a + STRIDE, self.n)
-            densities.append(alone.density(self.window, a, b)[:, 0].copy())
-            misfits.append(alone.misfit(b - a)[:, 0].copy())
-            memories.append(alone.memory())
-        return memories, np.concatenate(densities), np.nan_to_num(np.concatenate(misfits))
+        samples = [*range(first, self.n, STRIDE), self.n]
+        memories, density, misfit = self.filters.of(h, 1, ROOM).followed(self.window, memory, samples)
+        return [memory, *memories], density, np.nan_to_num(misfit)
 
     def _ended(self, found: Begin) -> Path:
         """The path that stays to the end, or the best one on which nominal comes back where that is better."""
@@ -413,11 +402,11 @@ class _Ends:
 
     def _remember(self, first: int, last: int) -> None:
         """What the fault's filter remembers before each sample of first:last, from its memory before the first."""
-        alone = self.move.filters.of(self.h, 1, ROOM)
-        alone.begin(self.at[first])
-        for k in range(first, min(last, self.move.n - 1)):
-            alone.density(self.move.window, k, k + 1)
-            self.at[k + 1] = alone.memory()
+        samples = range(first, min(last, self.move.n - 1) + 1)
+        if len(samples) > 1:
+            alone = self.move.filters.of(self.h, 1, ROOM)
+            memories, _, _ = alone.followed(self.move.window, self.at[first], samples)
+            self.at |= dict(zip(samples[1:], memories, strict=True))
 
 
 def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None) -> Begin:
