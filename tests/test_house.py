@@ -16,6 +16,7 @@ AT_THE_ROOT = {
     "records.py",
     "settings.py",
     "toml_files.py",
+    "readable_units.py",
 }
 MOST_MODULES = 16
 USERS = [*PACKAGE.rglob("*.py"), *(ROOT / "pipelines").glob("*.py"), *(ROOT / "benchmarks").glob("*.py")]

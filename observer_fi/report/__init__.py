@@ -15,6 +15,7 @@ from observer_fi.report.result_folder import (
     folder_name,
     folder_of,
     ours,
+    reports_below,
     write_beside,
     write_file,
     write_folder,
@@ -23,6 +24,7 @@ from observer_fi.report.result_folder import (
 
 if TYPE_CHECKING:
     from observer_fi.report.comparison_page import page, table
+    from observer_fi.report.fleet_page import page as fleet_html
     from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
     from observer_fi.report.learning import (
         at_mass,
@@ -71,6 +73,7 @@ __all__ = [
     "diagnose",
     "diagnosis",
     "environment",
+    "fleet_html",
     "folder_name",
     "folder_of",
     "identify",
@@ -86,6 +89,7 @@ __all__ = [
     "markdown_table",
     "ours",
     "page",
+    "reports_below",
     "simulate",
     "still_files",
     "stills_of",
@@ -105,6 +109,7 @@ __all__ = [
 # Imported when first used: what a verdict does not need.
 _LATER = {
     "comparison_page": ("page", "table"),
+    "fleet_page": ("fleet_html",),
     "inspection": ("MAP_FILE", "inspection_json", "inspection_text"),
     "learning": (
         "at_mass",
@@ -120,7 +125,7 @@ _LATER = {
     "still_figures": ("still_files",),
     "results.results": ("Comparison", "Diagnosis", "Identification", "Improved", "Life"),
 }
-_NAMED = {"trend_headline": "headline"}  # where the module calls it otherwise
+_NAMED = {"trend_headline": "headline", "fleet_html": "page"}  # where the module calls it otherwise
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
 
 

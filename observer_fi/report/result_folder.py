@@ -9,9 +9,10 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from observer_fi.errors import UsageError
 from observer_fi.logs import log_name
@@ -191,6 +192,17 @@ def _place(path: str) -> str:
 def ours(folder: Path) -> set[str]:
     """Names of the files in a folder that this project wrote."""
     return {MARKER, *(file for entry in _results(folder).values() for file in entry["files"])}
+
+
+def reports_below(out: Path, logs: Sequence[str]) -> dict[str, str]:
+    """Links from a result's folder below `out` to the diagnoses of these logs that stand below `out`, by the log's path."""
+    found: dict[str, str] = {}
+    for marker in sorted(out.rglob(MARKER)) if out.is_dir() else ():
+        of = _results(marker.parent).get("diagnose", {"logs": {}})["logs"]
+        if (marker.parent / "report.html").is_file():
+            link = quote(os.fsencode(marker.parent.relative_to(out).as_posix()))
+            found |= dict.fromkeys(of, f"../{link}/report.html")
+    return {path: found[_place(path)] for path in logs if _place(path) in found}
 
 
 def _foreign(folder: Path, entry: dict[str, Any] | None, files: tuple[str, ...]) -> Iterator[str]:
