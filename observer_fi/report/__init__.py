@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         trend,
         write_report,
     )
+    from observer_fi.report.results.recording import Inspected, Planned, inspect, plan
     from observer_fi.report.results.results import (
         Comparison,
         Diagnosis,
@@ -61,10 +62,12 @@ __all__ = [
     "Figure",
     "Identification",
     "Improved",
+    "Inspected",
     "Life",
     "MAP_FILE",
     "MEASURED",
     "Made",
+    "Planned",
     "at_mass",
     "check_beside",
     "checked_name",
@@ -83,12 +86,14 @@ __all__ = [
     "improve_files",
     "improve_headline",
     "improve_json",
+    "inspect",
     "inspection_json",
     "inspection_text",
     "json_text",
     "markdown_table",
     "ours",
     "page",
+    "plan",
     "reports_below",
     "simulate",
     "still_files",
@@ -123,6 +128,7 @@ _LATER = {
     "results.questions": ("compare", "diagnose", "identify", "improve", "simulate", "trend", "write_report"),
     "results.figures": ("stills_of",),
     "still_figures": ("still_files",),
+    "results.recording": ("Inspected", "Planned", "inspect", "plan"),
     "results.results": ("Comparison", "Diagnosis", "Identification", "Improved", "Life"),
 }
 _NAMED = {"trend_headline": "headline", "fleet_html": "page"}  # where the module calls it otherwise

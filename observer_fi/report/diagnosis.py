@@ -22,6 +22,7 @@ from observer_fi.physics import (
     colour_of,
     words_of,
 )
+from observer_fi.readable_units import readable
 from observer_fi.records import Event, Isolation, Log, Outcome
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.report.interactive import library
@@ -196,6 +197,7 @@ def page(outcome: Outcome, rig: Rig, fleet: str = "") -> str:
             settings=flattened(outcome.settings),
             rig=rig,
             listed=LISTED,
+            readable=readable,
             colour_of=colour_of,
             versions=versions(),
             acquisition=acquisition_table(outcome.acquisition),

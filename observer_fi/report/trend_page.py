@@ -156,7 +156,7 @@ def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = N
             folded=lanes(found, order[LANES:], "folded", reports) if len(order) > LANES else None,
             score=score_chart(found, reports), reports=reports, fleet=fleet,
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
-            colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit,
+            colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit, level=_level, moved=_moved,
             short=_short,
         )
     )  # fmt: skip
@@ -165,6 +165,16 @@ def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = N
 def _short(path: str) -> str:
     """The name of a log without its folders."""
     return path.replace("\\", "/").rpartition("/")[2]
+
+
+def _level(value: float, unit: str) -> str:
+    """A usual value; none for one without a unit, which is a logarithm: only its changes say something."""
+    return "" if unit == "1" else with_unit(value, unit)
+
+
+def _moved(size: float, unit: str) -> str:
+    """A change with its sign; of a logarithm in per cent."""
+    return f"{100.0 * math.expm1(size):+.3g} %" if unit == "1" else with_unit(size, unit, "+")
 
 
 def _least(found: Trend) -> list[tuple[str, float, float, str]]:

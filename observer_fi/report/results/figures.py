@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from observer_fi.improve import Improvement, Residuals
 from observer_fi.physics import NOMINAL, NOT_TESTED, colour_of, mode_of, words_of
@@ -278,6 +279,22 @@ def _residuals(before: Residuals, after: Residuals) -> Figure:
 
 
 # --- a life, and a comparison ------------------------------------------------------------------------
+
+
+def of_plan(moves: pd.DataFrame, title: str) -> dict[str, Figure]:
+    """The command over time, and the pitch to set where there are several."""
+    names = ["pitch_deg"] * (moves["pitch_deg"].nunique() > 1)
+    command = next(str(name) for name in moves if name not in ("time_s", "pitch_deg"))
+    units = {"speed_cmd_rad_s": "speed [rad/s]", "position_cmd_m": "position [m]", "pitch_deg": "pitch [deg]"}
+    rows = [command, *names]
+    with sheet((WIDTH, 1.6 + 1.6 * len(rows)), len(rows), 1, sharex=True, squeeze=False) as (figure, grid):
+        for name, axes in zip(rows, grid[:, 0], strict=True):
+            how = "steps-post" if name == "pitch_deg" else "default"
+            axes.plot(moves["time_s"], moves[name], color=AFTER, drawstyle=how)
+            axes.set_ylabel(units[name])
+        grid[-1, 0].set_xlabel("time [s]")
+        grid[0, 0].set_title(title, fontsize=9, wrap=True)
+    return {"command": figure}
 
 
 def of_trend(found: Trend) -> dict[str, Figure]:
