@@ -85,7 +85,7 @@ def run_trend(args: argparse.Namespace) -> int:
     if args.baseline_logs and not chosen:
         raise UsageError("--baseline-logs: none of them could be read")
     result = trend(logs, rig, args.false_alarm_rate, chosen, baseline_rig, dict(args.limit))
-    made = Made("trend", {d.path: d.sha256 for d in logs})
+    made = Made("trend", {d.path: d.sha256 for d in logs}, grows=True)
     reports = reports_below(args.out, [d.path for d in logs])
     summary = f"../{fleet.INDEX}" if fleet.INDEX in ours(args.out) else ""
     files: dict[str, str | bytes] = {**trend_files(result, name, bad, reports, summary)}

@@ -26,10 +26,14 @@ Files = Mapping[str, str | bytes]
 
 
 class Made(NamedTuple):
-    """What a result is of: the command, and its logs as {path: SHA-256, or "" where it is not known}."""
+    """What a result is of: the command, and its logs as {path: SHA-256, or "" where it is not known}.
+
+    grows: whether it stays the same result when logs are added, as a life does.
+    """
 
     command: str
     logs: Mapping[str, str]
+    grows: bool = False
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -178,7 +182,7 @@ def _same(entry: dict[str, Any] | None, made: Made) -> bool:
     if entry is None:
         return True
     before, now = entry["logs"], {_place(path): digest for path, digest in made.logs.items()}
-    if set(before) == set(now):
+    if set(before) == set(now) or (made.grows and set(before) < set(now)):
         return True
     moved = not any(os.path.lexists(path) for path in before)
     return moved and sorted(before.values()) == sorted(now.values())

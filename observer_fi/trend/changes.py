@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from observer_fi.records import Array
 from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
@@ -287,7 +287,7 @@ def _t_values(work: Array, X: Array, columns: Array) -> Array:
 def _allowed(rate: float, quantities: int, n: int, freedom: Array) -> Array:
     """(k,) t value that chance exceeds with a probability of `rate` in all quantities, places and both kinds."""
     tries = quantities * max(n - FEWEST_BEFORE - FEWEST_AFTER, 1)
-    return np.asarray(stats.t.isf(0.5 * rate / tries, np.maximum(freedom, 1)))
+    return np.asarray(-stdtrit(np.maximum(freedom, 1), 0.5 * rate / tries))
 
 
 def _with_size(c: Change, j: int, fit: _Fit, at: int, time: Array, scale: Array) -> Change:

@@ -148,7 +148,9 @@ def write_report(result: Result, folder: str | Path, figures: str | None = None)
     if isinstance(result, Diagnosis):
         return diagnosis_report.write(result.outcome, result.rig, folder, still) / "report.html"
     command, logs, files = _files(result, folder.name)
-    written = write_result(folder.parent, folder.name, Made(command, logs), files | still)
+    written = write_result(
+        folder.parent, folder.name, Made(command, logs, grows=command == "trend"), files | still
+    )
     return written / (f"{command}.html" if f"{command}.html" in files else next(iter(files)))
 
 
