@@ -131,7 +131,9 @@ def by_size(frame: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for kind, g in frame[frame["kind"] != "nominal"].groupby("kind", sort=False):
         column = size.get(str(kind), "size")
-        for _, part in g.groupby(pd.qcut(g[column].astype(float), 3)):
+        ordered = g.iloc[np.argsort(g[column].astype(float), kind="stable")]
+        for rows_of_part in np.array_split(np.arange(len(g)), min(3, len(g))):
+            part = ordered.iloc[rows_of_part]
             values = part[column].astype(float)
             rows.append({
                 "kind": kind, "from": f"{values.min():.3g}", "to": f"{values.max():.3g}", "of": column,

@@ -25,9 +25,11 @@ from observer_fi import (
     compare,
     diagnose,
     identify,
+    inspect,
     load_columns,
     load_rig,
     log_from_frame,
+    plan,
     read_log,
     simulate,
     trend,
@@ -154,7 +156,7 @@ def test_a_plot_has_the_signals_the_posterior_and_the_onset() -> None:
     *signals, posterior = figure.axes
     labels = ["voltage [V]", "current [mA]", "position [mm]", "speed [rad/s]"]
     assert [ax.get_ylabel() for ax in signals[:4]] == labels
-    assert len(posterior.get_lines()) >= len(found().outcome.modes)
+    assert "overload" in [line.get_label() for line in posterior.get_lines()]
     upright = [
         line.get_xdata()[0]
         for ax in (*signals, posterior)
@@ -224,7 +226,7 @@ def test_identify_takes_what_diagnose_takes() -> None:
     )
     assert f"{len(frame)} parameters learned" in result.verdict
     assert result.verdict in result._repr_html_() and "Km" in result._repr_html_()
-    assert "Km = 0.0212" in str(result) and "Cannot be told from these logs:" in str(result)
+    assert "Km = 21.2" in str(result) and "Cannot be told from these logs:" in str(result)
     assert result.to_dict()["parameters"]["Km"]["unit"] == "N m/A"
     assert result.rig.model["Km"] == pytest.approx(frame.loc["Km", "value"])
     assert list(result.figures()) == ["parameters", "correlation"] and len(result.plot().axes) == 1
@@ -244,6 +246,31 @@ def test_a_life_of_frames(tmp_path: Path) -> None:
     assert page.is_file() and (tmp_path / "life" / "trend.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(UsageError, match="no log could be read"):
         trend([tmp_path / "none.csv"])
+
+
+def test_a_file_is_inspected(tmp_path: Path) -> None:
+    log = tmp_path / "own.csv"
+    frame_of(read_log(DATA / "overload_steady.csv.gz")).rename(columns={"current_a": "I [mA]"}).to_csv(
+        log, index=False
+    )
+    found = inspect(log)
+    assert "CSV" in found.headline and "column map" in str(found)
+    assert list(found.to_frame()["header"])[2] == "I [mA]" and "<pre>" in found._repr_html_()
+    written = write_report(found, tmp_path / "own")
+    assert written.name == "columns.toml" and "I [mA]" in written.read_text(encoding="utf-8")
+    with pytest.raises(ValueError, match="nothing to draw"):
+        found.plot()
+
+
+def test_moves_are_planned(tmp_path: Path) -> None:
+    found = plan(constants=["A"], seconds=3.0)
+    assert found.headline.startswith("A: ") and "to and fro" in str(found)
+    corners = found.to_frame()
+    assert corners["time_s"].is_monotonic_increasing and corners["time_s"].iloc[-1] <= 3.0
+    assert found.plot().axes[0].get_ylabel() == "speed [rad/s]"
+    assert write_report(found, tmp_path / "next").read_text(encoding="utf-8") == found.moves
+    with pytest.raises(UsageError, match="give one of"):
+        plan("backlash", faults="slip")
 
 
 def test_a_comparison(tmp_path: Path) -> None:

@@ -106,6 +106,6 @@ def test_the_python_of_the_pages_runs(tmp_path: Path, monkeypatch: pytest.Monkey
             code = block.split("```")[0]
             names = {"frame": foreign if "columns=" in code else frame, "diagnose": diagnose}
             exec(compile(code, path.name, "exec"), names)
-            assert names["found"].verdict.label == "overload"
+            assert "found" not in code or names["found"].verdict.label == "overload"
             ran += 1
-    assert ran == 3 and (tmp_path / "verdict.png").is_file()
+    assert ran == 4 and (tmp_path / "verdict.png").is_file()

@@ -56,7 +56,7 @@ def plan_arguments(parser: argparse.ArgumentParser) -> None:
 def run_plan(args: argparse.Namespace) -> int:
     """The moves to record next, as a CSV that a controller can play."""
     from observer_fi.physics import load_rig
-    from observer_fi.plan import limits_of, moves_csv, to_json
+    from observer_fi.plan import in_lines, limits_of, moves_csv, to_json
     from observer_fi.report import Made, checked_name, json_text, write_result
 
     rig = load_rig(args.rig)
@@ -75,7 +75,7 @@ def run_plan(args: argparse.Namespace) -> int:
     if args.json:
         emit_json(result)
     elif not args.quiet:
-        print("\n".join([*_lines(plan), str(folder / "moves.csv")]))
+        print("\n".join([*in_lines(plan), str(folder / "moves.csv")]))
     return OK
 
 
@@ -94,21 +94,3 @@ def _planned(args: argparse.Namespace, rig: "Rig", limits: "Limits", tell: Stage
             raise UsageError("--for: name at least one constant, as A")
         return plan_constants(names, rig, limits, tell)
     return plan_causes(asked_by(args.improved) if args.improved else parse(args.between), rig, limits, tell)
-
-
-def _lines(plan: "Plan") -> list[str]:
-    """The moves in words, what they decide, and the simpler ones."""
-    from observer_fi.plan import steps
-
-    names = " or ".join(rival.name for rival in plan.rivals) or ", ".join(plan.std)
-    lines = [f"{names}: {'decided' if plan.decides else 'not decided'}; {plan.why}"]
-    if plan.planned.blocks:
-        lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]
-        lines.append(
-            f"{plan.seconds:.3g} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
-        )
-    return lines
-
-
-def _odds(plan: "Plan") -> str:
-    return "" if plan.std else f" ({plan.simpler.log_odds:.3g} nats in place of {plan.planned.log_odds:.3g})"

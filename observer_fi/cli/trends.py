@@ -58,12 +58,14 @@ def run_trend(args: argparse.Namespace) -> int:
     from observer_fi.report import (
         Made,
         folder_name,
+        ours,
+        reports_below,
         trend_files,
         trend_headline,
         trend_json,
         write_result,
     )
-    from observer_fi.serve import digests
+    from observer_fi.serve import digests, fleet
     from observer_fi.trend import trend
 
     if args.baseline and args.baseline_logs:
@@ -78,13 +80,15 @@ def run_trend(args: argparse.Namespace) -> int:
     found = {d.path: d for d in _digests(args, [*paths, *healthy], rig, bad)}
     logs = [found[p] for p in paths if p in found]
     if not logs:
-        raise UsageError("no log could be read" + (f" ({bad[0]})" if bad else ""))
+        return USAGE  # each log has been told with its reason
     chosen = [found[p] for p in (*healthy, *inside) if p in found]
     if args.baseline_logs and not chosen:
         raise UsageError("--baseline-logs: none of them could be read")
     result = trend(logs, rig, args.false_alarm_rate, chosen, baseline_rig, dict(args.limit))
-    made = Made("trend", {d.path: d.sha256 for d in logs})
-    files: dict[str, str | bytes] = {**trend_files(result, name, bad)}
+    made = Made("trend", {d.path: d.sha256 for d in logs}, grows=True)
+    reports = reports_below(args.out, [d.path for d in logs])
+    summary = f"../{fleet.INDEX}" if fleet.INDEX in ours(args.out) else ""
+    files: dict[str, str | bytes] = {**trend_files(result, name, bad, reports, summary)}
     files |= still_figures(args, result)
     folder = write_result(args.out, name, made, files)
     taken(args.logs[0], name, folder)

@@ -52,6 +52,7 @@ def _traits(entry: Mapping[str, Any]) -> ChannelTraits:
 def without_nothing(table: Mapping[str, Any]) -> dict[str, Any]:
     """A table of tables without what is None or empty: TOML knows no such value."""
     kept = {
-        key: {k: v for k, v in entry.items() if v is not None and v != []} for key, entry in table.items()
+        key: {k: v for k, v in entry.items() if v is not None and not (isinstance(v, list) and not v)}
+        for key, entry in table.items()
     }
     return {key: entry for key, entry in kept.items() if entry}

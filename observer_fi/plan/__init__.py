@@ -4,13 +4,14 @@ from observer_fi.plan.confirm import judged
 from observer_fi.plan.limits import Limits, limits_of
 from observer_fi.plan.planning import DECISIVE, Plan, plan_causes, plan_constants, plan_faults
 from observer_fi.plan.rivals import asked_by, parse
-from observer_fi.plan.written import moves_csv, steps, to_json
+from observer_fi.plan.written import in_lines, moves_csv, steps, to_json
 
 __all__ = [
     "DECISIVE",
     "Limits",
     "Plan",
     "asked_by",
+    "in_lines",
     "judged",
     "limits_of",
     "moves_csv",

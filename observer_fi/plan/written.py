@@ -63,6 +63,22 @@ def steps(profile: Profile, limits: Limits) -> list[str]:
     ]
 
 
+def in_lines(plan: Plan) -> list[str]:
+    """The moves in words, what they decide, and the simpler ones."""
+    names = " or ".join(rival.name for rival in plan.rivals) or ", ".join(plan.std)
+    lines = [f"{names}: {'decided' if plan.decides else 'not decided'}; {plan.why}"]
+    if plan.planned.blocks:
+        lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]
+        lines.append(
+            f"{plan.seconds:.3g} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
+        )
+    return lines
+
+
+def _odds(plan: Plan) -> str:
+    return "" if plan.std else f" ({plan.simpler.log_odds:.3g} nats in place of {plan.planned.log_odds:.3g})"
+
+
 def to_json(plan: Plan) -> dict[str, Any]:
     """`plan.json`."""
     return {

@@ -15,6 +15,7 @@ from observer_fi.report.result_folder import (
     folder_name,
     folder_of,
     ours,
+    reports_below,
     write_beside,
     write_file,
     write_folder,
@@ -23,6 +24,7 @@ from observer_fi.report.result_folder import (
 
 if TYPE_CHECKING:
     from observer_fi.report.comparison_page import page, table
+    from observer_fi.report.fleet_page import page as fleet_html
     from observer_fi.report.inspection import MAP_FILE, inspection_json, inspection_text
     from observer_fi.report.learning import (
         at_mass,
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
         trend,
         write_report,
     )
+    from observer_fi.report.results.recording import Inspected, Planned, inspect, plan
     from observer_fi.report.results.results import (
         Comparison,
         Diagnosis,
@@ -59,10 +62,12 @@ __all__ = [
     "Figure",
     "Identification",
     "Improved",
+    "Inspected",
     "Life",
     "MAP_FILE",
     "MEASURED",
     "Made",
+    "Planned",
     "at_mass",
     "check_beside",
     "checked_name",
@@ -71,6 +76,7 @@ __all__ = [
     "diagnose",
     "diagnosis",
     "environment",
+    "fleet_html",
     "folder_name",
     "folder_of",
     "identify",
@@ -80,12 +86,15 @@ __all__ = [
     "improve_files",
     "improve_headline",
     "improve_json",
+    "inspect",
     "inspection_json",
     "inspection_text",
     "json_text",
     "markdown_table",
     "ours",
     "page",
+    "plan",
+    "reports_below",
     "simulate",
     "still_files",
     "stills_of",
@@ -105,6 +114,7 @@ __all__ = [
 # Imported when first used: what a verdict does not need.
 _LATER = {
     "comparison_page": ("page", "table"),
+    "fleet_page": ("fleet_html",),
     "inspection": ("MAP_FILE", "inspection_json", "inspection_text"),
     "learning": (
         "at_mass",
@@ -118,9 +128,10 @@ _LATER = {
     "results.questions": ("compare", "diagnose", "identify", "improve", "simulate", "trend", "write_report"),
     "results.figures": ("stills_of",),
     "still_figures": ("still_files",),
+    "results.recording": ("Inspected", "Planned", "inspect", "plan"),
     "results.results": ("Comparison", "Diagnosis", "Identification", "Improved", "Life"),
 }
-_NAMED = {"trend_headline": "headline"}  # where the module calls it otherwise
+_NAMED = {"trend_headline": "headline", "fleet_html": "page"}  # where the module calls it otherwise
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
 
 

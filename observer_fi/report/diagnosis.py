@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from observer_fi import __version__
+from observer_fi.logs import readable
 from observer_fi.physics import (
     DRIVES,
     FAULTS,
@@ -158,9 +159,9 @@ def percent(p: float | None) -> str:
     return f"{100.0 * p:.2f} %" if p > 0.99 or p < 0.01 else f"{100.0 * p:.1f} %"
 
 
-def files(outcome: Outcome, rig: Rig) -> dict[str, str]:
-    """Everything that one report consists of, {file name: text}."""
-    return {"report.json": json_text(report_dict(outcome)), "report.html": page(outcome, rig)}
+def files(outcome: Outcome, rig: Rig, fleet: str = "") -> dict[str, str]:
+    """Everything that one report consists of, {file name: text}. fleet: link to the summary that the log is in, if it is."""
+    return {"report.json": json_text(report_dict(outcome)), "report.html": page(outcome, rig, fleet)}
 
 
 def write(
@@ -174,7 +175,7 @@ def write(
     return write_result(folder.parent, folder.name, made, {**files(outcome, rig), **still})
 
 
-def page(outcome: Outcome, rig: Rig) -> str:
+def page(outcome: Outcome, rig: Rig, fleet: str = "") -> str:
     """report.html: one file, no network, the same bytes for the same inputs."""
     isolation, log = _complete(outcome)
     return (
@@ -182,6 +183,7 @@ def page(outcome: Outcome, rig: Rig) -> str:
         .get_template("report.html")
         .render(
             outcome=outcome,
+            fleet=fleet,
             log=log,
             isolation=isolation,
             verdict=isolation.verdict,
@@ -195,6 +197,7 @@ def page(outcome: Outcome, rig: Rig) -> str:
             settings=flattened(outcome.settings),
             rig=rig,
             listed=LISTED,
+            readable=readable,
             colour_of=colour_of,
             versions=versions(),
             acquisition=acquisition_table(outcome.acquisition),

@@ -79,7 +79,8 @@ class Panel:
     """One set of axes over x (n,), ascending. about: what it shows, a sentence for who cannot see it.
 
     least: the narrowest range of y that is shown; limits: a fixed one. link: panels of one name share the range of x.
-    ticks: names of places on the x axis instead of numbers.
+    ticks, ticks_up: names of places on the x and y axis instead of numbers. names: what the points of each x are of, shown
+    under the cursor; links: where a click on them leads.
     """
 
     title: str
@@ -96,6 +97,9 @@ class Panel:
     marks: tuple[Mark, ...] = ()
     height: int = 130
     ticks: tuple[tuple[float, str], ...] = ()
+    ticks_up: tuple[tuple[float, str], ...] = ()
+    names: tuple[str, ...] = ()
+    links: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -133,9 +137,15 @@ class Charts:
             if id(panel.x) not in xs:
                 xs[id(panel.x)] = len(arrays)
                 arrays.append(_packed(panel.x, "<f8"))
+        points: dict[tuple[tuple[str, ...], ...], int] = {}  # panels of the same logs tell their names once
         told = {
             "x": arrays,
-            "panels": [self._panel(panel, xs[id(panel.x)]) for panel in self.panels],
+            "panels": [
+                self._panel(panel, xs[id(panel.x)])
+                | {"points": points.setdefault((panel.names, panel.links), len(points))}
+                for panel in self.panels
+            ],
+            "points": [{"names": names, "links": links} for names, links in points],
             "marks": [self._mark(mark) for mark in self.marks],
             "views": [view._asdict() for view in self.views],
             "start": self.start,
@@ -147,6 +157,7 @@ class Charts:
         return {
             "x": x, "link": panel.link, "unit": panel.unit, "xName": panel.x_name, "limits": panel.limits,
             "least": panel.least, "scale": panel.scale, "height": panel.height, "ticks": panel.ticks,
+            "ticksUp": panel.ticks_up,
             "levels": [level._asdict() for level in panel.levels],
             "marks": [self._mark(mark) for mark in panel.marks],
             "series": [self._series(series, panel) for series in panel.series],

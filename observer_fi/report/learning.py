@@ -16,7 +16,7 @@ from observer_fi.improve import (
     Value,
     to_json,
 )
-from observer_fi.logs import Excitation
+from observer_fi.logs import Excitation, readable
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
 from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
@@ -40,7 +40,8 @@ def improve_files(
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
         likeness=likeness(record),
-        handy=disturbance_figures.handy, shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        handy=disturbance_figures.handy, readable=readable,
+        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
         not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
         smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
@@ -230,6 +231,6 @@ def plain(name: str) -> str:
 
 
 def value(v: float, std: float, unit: str) -> str:
-    """A value with its standard error in the value's own digits."""
-    shown = f"{number(v, 4)} ± {number(std, 2)}"
-    return shown if unit == "1" else f"{shown} {unit}"
+    """A value with its standard error, in the unit in which both are short."""
+    shown, factor = readable(unit, max(abs(v), abs(std)))
+    return f"{number(factor * v, 4)} ± {number(factor * std, 2)} {shown}".rstrip()

@@ -9,9 +9,10 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from observer_fi.errors import UsageError
 from observer_fi.logs import log_name
@@ -25,10 +26,14 @@ Files = Mapping[str, str | bytes]
 
 
 class Made(NamedTuple):
-    """What a result is of: the command, and its logs as {path: SHA-256, or "" where it is not known}."""
+    """What a result is of: the command, and its logs as {path: SHA-256, or "" where it is not known}.
+
+    grows: whether it stays the same result when logs are added, as a life does.
+    """
 
     command: str
     logs: Mapping[str, str]
+    grows: bool = False
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -177,7 +182,7 @@ def _same(entry: dict[str, Any] | None, made: Made) -> bool:
     if entry is None:
         return True
     before, now = entry["logs"], {_place(path): digest for path, digest in made.logs.items()}
-    if set(before) == set(now):
+    if set(before) == set(now) or (made.grows and set(before) < set(now)):
         return True
     moved = not any(os.path.lexists(path) for path in before)
     return moved and sorted(before.values()) == sorted(now.values())
@@ -191,6 +196,17 @@ def _place(path: str) -> str:
 def ours(folder: Path) -> set[str]:
     """Names of the files in a folder that this project wrote."""
     return {MARKER, *(file for entry in _results(folder).values() for file in entry["files"])}
+
+
+def reports_below(out: Path, logs: Sequence[str]) -> dict[str, str]:
+    """Links from a result's folder below `out` to the diagnoses of these logs that stand below `out`, by the log's path."""
+    found: dict[str, str] = {}
+    for marker in sorted(out.rglob(MARKER)) if out.is_dir() else ():
+        of = _results(marker.parent).get("diagnose", {"logs": {}})["logs"]
+        if (marker.parent / "report.html").is_file():
+            link = quote(os.fsencode(marker.parent.relative_to(out).as_posix()))
+            found |= dict.fromkeys(of, f"../{link}/report.html")
+    return {path: found[_place(path)] for path in logs if _place(path) in found}
 
 
 def _foreign(folder: Path, entry: dict[str, Any] | None, files: tuple[str, ...]) -> Iterator[str]:

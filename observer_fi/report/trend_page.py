@@ -3,10 +3,13 @@
 import csv
 import io
 import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from observer_fi.logs import readable, with_unit
 from observer_fi.records import Array
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
@@ -17,12 +20,20 @@ COLOURS = {UNCHANGED: "#3d6fa8", CHANGED: "#b3261e", NOT_TESTED: "#8a929b"}
 LANES = 12  # shown at once; the others stand below, folded
 
 
-def trend_files(found: Trend, name: str, bad: list[str]) -> dict[str, str]:
-    """Everything that one trend consists of, {file name: text}. bad: one line per log that could not be read."""
+NONE: Mapping[str, str] = MappingProxyType({})
+
+
+def trend_files(
+    found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = NONE, fleet: str = ""
+) -> dict[str, str]:
+    """Everything that one trend consists of, {file name: text}. bad: one line per log that could not be read.
+
+    reports: links to the diagnoses of logs, by path; fleet: link to the summary of all logs, "" where there is none.
+    """
     return {
         "trend.json": json_text(trend_json(found, bad)),
         "trend.csv": trend_csv(found),
-        "trend.html": page(found, name, bad),
+        "trend.html": page(found, name, bad, reports, fleet),
     }
 
 
@@ -134,25 +145,36 @@ def headline(found: Trend) -> str:
     return f"{what}{rest}"
 
 
-def page(found: Trend, name: str, bad: list[str]) -> str:
+def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = NONE, fleet: str = "") -> str:
     """trend.html: one file, no network, the same bytes for the same logs."""
     order = _lane_order(found)
     return (
         environment()
         .get_template("trend.html")
         .render(
-            found=found, name=name, bad=bad, lanes=lanes(found, order[:LANES], "lanes"),
-            folded=lanes(found, order[LANES:], "folded") if len(order) > LANES else None, score=score_chart(found),
+            found=found, name=name, bad=bad, lanes=lanes(found, order[:LANES], "lanes", reports),
+            folded=lanes(found, order[LANES:], "folded", reports) if len(order) > LANES else None,
+            score=score_chart(found, reports), reports=reports, fleet=fleet,
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
-            colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=_size,
-            short=lambda path: path.replace("\\\\", "/").rpartition("/")[2],
+            colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit, level=_level, moved=_moved,
+            short=_short,
         )
     )  # fmt: skip
 
 
-def _size(value: float, unit: str) -> str:
-    """A value with its unit, in three digits."""
-    return f"{value:.3g}" + ("" if unit == "1" else f" {unit}")
+def _short(path: str) -> str:
+    """The name of a log without its folders."""
+    return path.replace("\\", "/").rpartition("/")[2]
+
+
+def _level(value: float, unit: str) -> str:
+    """A usual value; none for one without a unit, which is a logarithm: only its changes say something."""
+    return "" if unit == "1" else with_unit(value, unit)
+
+
+def _moved(size: float, unit: str) -> str:
+    """A change with its sign; of a logarithm in per cent."""
+    return f"{100.0 * math.expm1(size):+.3g} %" if unit == "1" else with_unit(size, unit, "+")
 
 
 def _least(found: Trend) -> list[tuple[str, float, float, str]]:
@@ -182,18 +204,22 @@ def _places(found: Trend) -> tuple[Array, str]:
     return np.arange(len(found.table.paths), dtype=float), "logs"
 
 
-def lanes(found: Trend, rows: list[int], name: str) -> Charts:
+def lanes(found: Trend, rows: list[int], name: str, reports: Mapping[str, str] = NONE) -> Charts:
     """A lane a quantity: each log as a dot without what its conditions do, the fitted level, the healthy band, changes marked."""
     times, label = _places(found)
     order = np.argsort(times, kind="stable")
     values, level = _lane_values(found)
     verdicts = _colours(found)[order]
+    paths = [_paths(found)[k] for k in order]
+    names, links = tuple(map(_short, paths)), tuple(reports.get(path, "") for path in paths)
     panels = []
     for row in rows:
-        unit, scale = _handy(found.baseline.units[row], values[:, row])
-        value, fitted = values[order, row] / scale, level[order, row] / scale
-        scatter = found.baseline.limit_of * found.baseline.scatter[row] / scale
-        middle = found.baseline.coefficients[0, row] / scale
+        unit, factor = readable(
+            found.baseline.units[row], float(np.nanmax(np.abs(values[:, row]), initial=0.0))
+        )
+        value, fitted = factor * values[order, row], factor * level[order, row]
+        scatter = found.baseline.limit_of * found.baseline.scatter[row] * factor
+        middle = found.baseline.coefficients[0, row] * factor
         words, own = in_words(found.baseline.names[row]), found.baseline.names[row]
         marks = tuple(
             Mark(float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED])
@@ -204,7 +230,7 @@ def lanes(found: Trend, rows: list[int], name: str) -> Charts:
         about = f"{words} over the logs, one dot each, with the level fitted to them and the band of healthy ones."
         panels.append(
             Panel(f"{words} ({own})", unit, times[order], lines, about, label, "logs", levels=_band(middle, scatter),
-                  least=max(scatter, 0.0) if math.isfinite(scatter) else 0.0, marks=marks, height=96)
+                  least=max(scatter, 0.0) if math.isfinite(scatter) else 0.0, marks=marks, height=96, names=names, links=links)
         )  # fmt: skip
     return Charts(name, tuple(panels))
 
@@ -226,15 +252,6 @@ def _band(middle: float, scatter: float) -> tuple[Level, ...]:
     return (Level(middle - scatter, to=middle + scatter),) if known else ()
 
 
-def _handy(unit: str, values: Array) -> tuple[str, float]:
-    """The unit with a power of 1000 that makes these values handy, and that power."""
-    if unit == "1":
-        return "", 1.0
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    power = 3 * math.floor(math.log10(largest) / 3.0) if largest > 0.0 else 0
-    return (unit, 1.0) if power == 0 else (f"1e{power} {unit}", 10.0**power)
-
-
 def _lane_values(found: Trend) -> tuple[Array, Array]:
     """Values and fitted levels (n, k) that the lanes show."""
     if found.history is not None:
@@ -249,11 +266,15 @@ def _lane_values(found: Trend) -> tuple[Array, Array]:
 def _colours(found: Trend) -> Array:
     """Verdict of every log of the lanes; the baseline's own have none and count as unchanged."""
     verdicts = {j.digest.path: j.verdict for j in found.logs}
-    paths = found.paths if found.history is not None else found.table.paths
-    return np.array([verdicts.get(path, UNCHANGED) for path in paths])
+    return np.array([verdicts.get(path, UNCHANGED) for path in _paths(found)])
 
 
-def score_chart(found: Trend) -> Charts:
+def _paths(found: Trend) -> Sequence[str]:
+    """The logs of the lanes."""
+    return found.paths if found.history is not None else found.table.paths
+
+
+def score_chart(found: Trend, reports: Mapping[str, str] = NONE) -> Charts:
     """The score of every log against the limit."""
     judged = [j for j in found.logs if j.verdict != NOT_TESTED]
     if not judged:
@@ -271,5 +292,7 @@ def score_chart(found: Trend) -> Charts:
         "logs in order",
         levels=(Level(0.0), limit),
         height=150,
+        names=tuple(_short(j.digest.path) for j in judged),
+        links=tuple(reports.get(j.digest.path, "") for j in judged),
     )
     return Charts("score", (panel,))

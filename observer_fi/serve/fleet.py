@@ -17,16 +17,18 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
 from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap
-from observer_fi.physics import FAULTS, NOT_TESTED, Rig, colour_of, rig_toml
-from observer_fi.records import Outcome
+from observer_fi.physics import FAULTS, NOMINAL, NOT_TESTED, Rig, rig_toml
+from observer_fi.records import Event, Outcome
 from observer_fi.report import (
     Made,
     check_beside,
     clear_leftovers,
+    fleet_html,
     folder_name,
     folder_of,
     ours,
@@ -43,6 +45,7 @@ TRIES = 3  # workers that may die over one log before it is given up
 WAIT_S = 10.0  # for a scheduler to answer, and for its first worker
 GONE_S = 60.0  # without any worker, until the run is given up
 POLL_S = 0.1
+MOST_EVENTS = 200  # faults of one log that the summary lists
 
 Rows = list[dict[str, Any]]
 
@@ -52,7 +55,7 @@ COLUMNS = {
     "onset_s": "double", "detected_s": "double", "isolated_s": "double", "moves": "int64", "faulty_moves": "int64",
     "open_loop": "string", "nis_ratio": "double", "samples": "int64", "rate_hz": "double", "duration_s": "double",
     "gaps": "int64", "rejected": "int64", "notes": "int64", "sha256": "string", "report": "string",
-    "error": "string",
+    "what": "string", "events": "string", "error": "string",
 }  # fmt: skip
 
 
@@ -192,7 +195,8 @@ def work(job: Job, log: str, name: str) -> dict[str, Any]:
     else:
         made = made_of(job, "diagnose", log, outcome.log.sha256)
         outcome = replace(outcome, log=replace(outcome.log, path=log))
-        folder = write_result(place.parent, place.name, made, report.files(outcome, job.rig))
+        summary = "../" * len(Path(name).parts) + INDEX
+        folder = write_result(place.parent, place.name, made, report.files(outcome, job.rig, summary))
         row = row_of(log, folder.relative_to(job.out).as_posix(), outcome)
     made = made_of(job, "fleet", log, row["sha256"])
     write_result(place.parent, place.name, made, {ENTRY: _entry(job, row)})
@@ -239,8 +243,42 @@ def row_of(log: str, name: str, outcome: Outcome) -> dict[str, Any]:
         "open_loop": found["open_loop"]["label"], "nis_ratio": None if nis is None else nis / fit["nis_expected"],
         "samples": facts["samples"], "rate_hz": facts["rate_hz"], "duration_s": facts["duration_s"],
         "gaps": facts["gap_count"], "rejected": facts["rejected_count"], "notes": len(facts["notes"]),
-        "sha256": facts["sha256"], "report": f"{name}/report.html",
+        "sha256": facts["sha256"], "report": f"{name}/report.html", "what": _what(outcome),
+        "events": json.dumps([_event(e) for e in _faults(outcome)][:MOST_EVENTS], allow_nan=False),
     }  # fmt: skip
+
+
+def _faults(outcome: Outcome) -> list[Event]:
+    """Every fault of a log, in order; a move may have two."""
+    events = () if outcome.isolation is None else outcome.isolation.events
+    return [one for event in events for one in (event, *event.then) if one.label not in (NOMINAL, NOT_TESTED)]
+
+
+def _event(event: Event) -> dict[str, Any]:
+    """What the summary says of one fault."""
+    sizes = {s.name: {"value": s.value, "unit": s.unit} for s in event.severity if math.isfinite(s.value)}
+    return {"label": event.label, "channel": event.channel, "probability": event.probability, "onset_s": event.onset_s,
+            "severity": sizes}  # fmt: skip
+
+
+def _what(outcome: Outcome) -> str:
+    """Why a log is where it stands in the table: how large its fault is, what else it could be, what changes trust in it."""
+    if outcome.isolation is None:
+        return ""
+    verdict = outcome.isolation.verdict
+    said = [s.words for s in verdict.severity]
+    said += (
+        [f"could as well be {' or '.join(FAULTS[label].title.lower() for label in verdict.alike)}"]
+        if verdict.alike
+        else []
+    )
+    said = (
+        said
+        or list(verdict.reasons)
+        or ([] if verdict.label == NOMINAL else [outcome.explanation.partition(". ")[0]])
+    )
+    few = len(outcome.warnings)
+    return "; ".join([*said, *([f"{few} warning{'s' if few > 1 else ''} on its page"] if few else [])])
 
 
 # --- on a cluster ---
@@ -450,23 +488,20 @@ def counts(rows: Rows) -> dict[str, int]:
 
 
 def page(job: Job, rows: Rows) -> str:
-    """index.html: one file, no network, the same bytes for the same logs."""
-    from urllib.parse import quote
+    """index.html: one file, no network, the same bytes for the same logs and the same trend pages beside it."""
+    return fleet_html(job.folder.name or str(job.folder), job.rig, rows, _trends(job))
 
-    return (
-        report.environment()
-        .get_template("fleet.html")
-        .render(
-            rows=rows,
-            counts=counts(rows),
-            names=report.NAMES | {"bad": "Not readable", "failed": "Not done"},
-            folder=job.folder.name or str(job.folder),
-            rig=job.rig,
-            colour_of=colour_of,
-            link=lambda path: quote(os.fsencode(path)),
-            versions=report.versions(),
-        )
-    )
+
+def _trends(job: Job) -> dict[str, str]:
+    """The pages of `trend` below the output folder, {name: link}."""
+    if not job.out.is_dir():
+        return {}
+    found = sorted(place.name for place in job.out.iterdir() if "trend.html" in ours(place))
+    return {
+        name: f"{quote(os.fsencode(name))}/trend.html"
+        for name in found
+        if (job.out / name / "trend.html").is_file()
+    }
 
 
 def headline(rows: Rows, new: int) -> str:

@@ -13,10 +13,11 @@ of Student's t: with few logs it is far away, as it must be; one quantity alone 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtri, stdtrit  # the quantiles of scipy.stats, which takes a second to import
 
 from observer_fi.errors import UsageError
 from observer_fi.records import Array
@@ -66,6 +67,12 @@ class Baseline:
     limit: float = math.inf
     limit_of: float = math.inf
     heldout: tuple[float, ...] = ()
+
+    @cached_property
+    def healthy_conditions(self) -> tuple[list[str], Array]:
+        """Names and values (n, c) of the regressors of the healthy logs, which every log is held against."""
+        names, values = regressors(self.reference, self.reference)
+        return list(names), values
 
 
 @dataclass(frozen=True)
@@ -135,7 +142,7 @@ def _with_limits(fitted: Baseline, away: Sequence[Departure], rate: float, last:
         scores.append(_together(usual, away[k]))
     single = np.concatenate([d.z for d in away if d.z.size])
     wider = max(1.0, float(np.sqrt(np.mean(np.minimum(single**2, 25.0)))))
-    own = float(stats.t.isf(SINGLE_SHARE * rate / (2 * len(fitted.names)), fitted.freedom))
+    own = float(-stdtrit(fitted.freedom, SINGLE_SHARE * rate / (2 * len(fitted.names))))
     limit = prediction_limit(np.array(scores[-last:]), (1.0 - SINGLE_SHARE) * rate)
     usual = _usual(groups, roots)
     return replace(fitted, usual=usual, limit=limit, limit_of=own * wider, heldout=tuple(scores))
@@ -154,7 +161,7 @@ def _usual(groups: Sequence[str], roots: Array) -> dict[str, tuple[float, float]
 def prediction_limit(score: Array, rate: float) -> float:
     """What the next of these scores (n,) exceeds with a chance of `rate`: log(score + SHIFT) is near to normal."""
     y, n = np.log(score + SHIFT), score.size
-    far = float(stats.t.isf(rate, n - 1)) * float(y.std(ddof=1)) * math.sqrt(1.0 + 1.0 / n)
+    far = float(-stdtrit(n - 1, rate)) * float(y.std(ddof=1)) * math.sqrt(1.0 + 1.0 / n)
     return math.exp(min(float(y.mean()) + far, 700.0)) - SHIFT
 
 
@@ -186,7 +193,7 @@ def _fit(healthy: Table) -> Baseline:
     r = y - X @ B
     freedom = max(n - X.shape[1], 1)
     std = np.sqrt(np.sum(r**2, axis=0) / freedom)
-    usual = float(stats.norm.isf(0.25 / n))
+    usual = float(-ndtri(0.25 / n))
     widening = _widening(X, r / std, freedom / n)
     z = r / std / np.exp(0.5 * X @ widening)
     z /= np.sqrt(np.sum(z**2, axis=0) / freedom)
@@ -284,7 +291,7 @@ def _conditions(baseline: Baseline, one: Table) -> tuple[Array, Array, float]:
     """
     mine, x = regressors(one, baseline.reference)
     size = baseline.coefficients.shape[0]
-    names, healthy = regressors(baseline.reference, baseline.reference)
+    names, healthy = baseline.healthy_conditions
     at = dict(zip(mine, x[0], strict=True))
     c = np.array([at.get(name, 0.0) for name in names[:size]])
     low, high = healthy[:, :size].min(axis=0), healthy[:, :size].max(axis=0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from observer_fi.records import Array
 from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
@@ -114,7 +114,10 @@ def _found(work: Array, X: Array, time: Array, rate: float, healthy: int, signed
     """Changes one after the other; each time the earlier ones are looked for again beside the new one, and may go."""
 
     def beside(others: list[Change]) -> Change | None:
-        return _next(work, X, np.column_stack([X, *_columns(others, X, time)]), time, rate, healthy, signed)
+        taken = [c.since for c in others]
+        return _next(
+            work, X, np.column_stack([X, *_columns(others, X, time)]), time, rate, healthy, signed, taken
+        )
 
     changes: list[Change] = []
     while len(changes) < MOST_CHANGES:
@@ -207,11 +210,19 @@ def _places(n: int, first: int) -> list[int]:
 
 
 def _next(
-    work: Array, plain: Array, X: Array, time: Array, rate: float, healthy: int, signed: list[int]
+    work: Array, plain: Array, X: Array, time: Array, rate: float, healthy: int, signed: list[int], taken: list[int]
 ) -> Change | None:  # fmt: skip
-    """The clearest change that is left, None where no one exceeds what chance allows."""
+    """The clearest change that is left, None where no one exceeds what chance allows.
+
+    taken: where other changes begin. Beside these a level would rest on a log or two, and two columns share one change, so
+    that neither shows it.
+    """
     n, quantities = work.shape
-    places = _places(n, max(healthy, FEWEST_BEFORE))
+    places = [
+        p
+        for p in _places(n, max(healthy, FEWEST_BEFORE))
+        if all(abs(p - other) >= FEWEST_BEFORE for other in taken)
+    ]
     if not places:
         return None
     kinds = [(kind, p, 0) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
@@ -276,7 +287,7 @@ def _t_values(work: Array, X: Array, columns: Array) -> Array:
 def _allowed(rate: float, quantities: int, n: int, freedom: Array) -> Array:
     """(k,) t value that chance exceeds with a probability of `rate` in all quantities, places and both kinds."""
     tries = quantities * max(n - FEWEST_BEFORE - FEWEST_AFTER, 1)
-    return np.asarray(stats.t.isf(0.5 * rate / tries, np.maximum(freedom, 1)))
+    return np.asarray(-stdtrit(np.maximum(freedom, 1), 0.5 * rate / tries))
 
 
 def _with_size(c: Change, j: int, fit: _Fit, at: int, time: Array, scale: Array) -> Change:

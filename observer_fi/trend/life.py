@@ -1,6 +1,7 @@
 """An actuator's life from its logs: digests in, what changed out."""
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.errors import UsageError
+from observer_fi.logs import with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.trend.ahead import Ahead, ahead
@@ -278,9 +280,7 @@ def _by_condition(
     cause, equation, rivals, word, doubt = _BY[condition]
     name, unit = baseline.names[at], f"{baseline.units[at]}/{UNITS[condition]}"
     before = float(history.slopes[c.by, at]) * scale
-    words = (
-        f"what {word} does to {in_words(name)} {size * scale:+.2g} {unit}, since {paths[c.since]}: {doubt}"
-    )
+    words = f"what {word} does to {in_words(name)} {with_unit(size * scale, unit, '+')}, since {_short(paths, c.since)}: {doubt}"
     shown = "B" if (name, condition) == ("torque_offset", "pitch_deg") else name
     return Finding(
         c.kind,
@@ -308,8 +308,14 @@ def _words(
     percent = "" if signed else ratio_words(before + size, before, std)
     if unit == "1":
         percent = f"{100.0 * math.expm1(size):+.0f} %"
-    much = percent or f"{size:+.2g} {unit}"
+    much = percent or with_unit(size, unit, "+")
     how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[c.kind]
     both = ", in both directions" if name == "A" else ""
     doubt = kind_of(name).doubt
-    return f"{in_words(name)} {much}{both}, {how} {paths[c.since]}{': ' + doubt if doubt else ''}"
+    return f"{in_words(name)} {much}{both}, {how} {_short(paths, c.since)}{': ' + doubt if doubt else ''}"
+
+
+def _short(paths: Sequence[str], row: int) -> str:
+    """What a log is called in a sentence: its file name, with its folders where another log has that name too."""
+    names = [os.path.basename(path) for path in paths]
+    return names[row] if names.count(names[row]) == 1 else paths[row]

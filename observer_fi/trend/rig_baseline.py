@@ -5,7 +5,7 @@ what their conditions do. What no rig file gives (how rough the torque is) has t
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import Rig
@@ -53,7 +53,7 @@ def from_rig(table: Table, rig: Rig, rate: float) -> Baseline:
         np.zeros_like(slopes), np.minimum(own / scatter, 0.95), {g: np.eye(r.size) for g, r in groups.items()},
         freedom, usual,
     )  # fmt: skip
-    limit_of = float(stats.t.isf(SINGLE_SHARE * rate / (2 * len(names)), freedom))
+    limit_of = float(-stdtrit(freedom, SINGLE_SHARE * rate / (2 * len(names))))
     return replace(
         found,
         limit=float(np.quantile(spread, 1.0 - max((1.0 - SINGLE_SHARE) * rate, 1e-4))),

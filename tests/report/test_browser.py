@@ -98,9 +98,8 @@ def fleet(folder: Path) -> str:
         frame = pd.DataFrame(table | {"speed_cmd_rad_s": made.w_cmd, "pitch_deg": made.pitch})
         frame.to_csv(folder / "logs" / f"{kind}.csv", index=False)
     (folder / "logs" / "bad.csv").write_text("nothing", encoding="utf-8")
-    main(["fleet", str(folder / "logs"), "--out", str(folder / "fleet"), "--workers", "1", "--quiet"])
-    (page,) = (folder / "fleet").rglob("index.html")
-    return page.read_text(encoding="utf-8")
+    main(["fleet", str(folder / "logs"), "--out", str(folder), "--workers", "1", "--quiet"])
+    return (folder / "index.html").read_text(encoding="utf-8")
 
 
 MADE = {
@@ -158,7 +157,6 @@ def opened(browser: Any, pages: Pages) -> Iterator[Any]:
         )
         page.goto(pages[kind].as_uri())
         page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-        page.evaluate("window.observerFiCharts ??= { charts: [] }")  # the table of a fleet has none
         page.wait_for_function("window.observerFiCharts.charts.every(c => c.u)")
         settled(page)
         return page, errors
@@ -203,7 +201,7 @@ def test_a_page_opens_without_errors_and_without_a_network(opened: Any, kind: st
              for (let k = 3; k < data.length; k += 4) seen += data[k] > 0;
              return seen; })"""
     )
-    assert (len(painted) > 0) == (kind != "fleet") and min(painted, default=999) > 200  # nothing is empty
+    assert painted and min(painted) > 200  # nothing is empty
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -320,6 +318,52 @@ def test_a_line_hides_by_its_name_and_shows_its_value_with_a_unit(opened: Any) -
     page.keyboard.press("Enter")
     assert button.get_attribute("aria-pressed") == "false"
     assert page.evaluate("window.observerFiCharts.charts[1].u.series[1].show") is False
+
+
+def at_dot(page: Any, chart: int, k: int) -> None:
+    """Put the cursor on the k-th dot of a chart."""
+    over = page.locator(".u-over").nth(chart)
+    over.scroll_into_view_if_needed()
+    at = page.evaluate(f"(c => c.u.valToPos(c.x[{k}], 'x'))(window.observerFiCharts.charts[{chart}])")
+    over.hover(position={"x": at, "y": 20})
+    settled(page)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "name"), [("fleet", "none.csv"), ("trend", "cycle02.csv")])
+def test_a_dot_tells_the_log_that_it_is_of(opened: Any, kind: str, name: str) -> None:
+    page, errors = opened(kind)
+    at_dot(page, 0, 1 if kind == "fleet" else 2)
+    assert page.locator(".who").first.inner_text() == name and errors == []
+
+
+@pytest.mark.slow
+def test_a_fleet_leads_to_its_logs_and_back(opened: Any) -> None:
+    page, errors = opened("fleet")
+    at_dot(page, 0, 2)  # bad, none, overload
+    page.mouse.down()
+    page.mouse.up()
+    page.wait_for_url("**/overload/report.html")
+    page.get_by_role("link", name="All logs").click()
+    page.wait_for_url("**/index.html")
+    assert errors == []
+
+
+@pytest.mark.slow
+def test_a_fleet_says_what_each_log_asks_for_where_it_is_seen(opened: Any) -> None:
+    page, _ = opened("fleet")
+    rows = page.locator("#fleet tbody tr")
+    assert rows.first.locator("td").first.inner_text() == "overload.csv"
+    assert "no samples" in page.locator("tr[data-what=bad] td.what").inner_text()
+    seen = page.locator("td.what").evaluate_all("cells => cells.map(c => c.getBoundingClientRect().right)")
+    assert max(seen) < WIDE["width"]
+    page.get_by_role("button", name="log", exact=True).click()
+    names = rows.evaluate_all("rows => rows.map(r => r.cells[0].innerText)")
+    assert names == ["bad.csv", "none.csv", "overload.csv"]
+    needs = page.evaluate(
+        "window.observerFiCharts.charts[0].u.data.slice(1).map(y => y.findIndex(v => v !== null))"
+    )
+    assert needs == [2, 0, 1]  # act: overload, no verdict: bad, healthy: none
 
 
 def test_dark_and_light_change_what_is_drawn(opened: Any) -> None:

@@ -320,3 +320,12 @@ def test_a_place_that_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> 
         write_file(tmp_path / "file" / "a", "1")
     with pytest.raises(UsageError, match="--out"):
         write_result(tmp_path / "file", "a", FIRST, {"a": "1"})
+
+
+def test_a_life_that_grows_keeps_its_folder(tmp_path: Path) -> None:
+    lives = [Made("trend", {f"{k}.csv": str(k) for k in range(n)}, grows=True) for n in (2, 3)]
+    other = Made("trend", {"9.csv": "9", "1.csv": "1"}, grows=True)
+    folders = [
+        write_result(tmp_path / "out", "life", made, {"trend.csv": ""}).name for made in (*lives, other)
+    ]
+    assert folders == ["life", "life", "life_2"]

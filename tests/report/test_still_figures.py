@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from observer_fi.cli import main
 from observer_fi.physics import load_rig
-from observer_fi.physics.faults import OPEN_LOOP, colour_of
+from observer_fi.physics.faults import LABELS, OPEN_LOOP, colour_of
 from observer_fi.report import diagnose as diagnosed
 from observer_fi.report import still_figures
 from observer_fi.report.results import figures
@@ -59,16 +59,27 @@ def test_a_model_has_the_colour_of_its_fault() -> None:
     assert [float(line.get_ydata()[0]) for line in lines[:3]] == [1.0, 2.0, 3.0]  # type: ignore[index]
 
 
-def test_an_outcome_is_drawn_with_every_hypothesis() -> None:
+def test_an_outcome_is_drawn_with_the_probabilities_of_its_verdict() -> None:
     outcome = diagnose(DATA / "overload_steady.csv.gz", load_rig(), Settings())
     figure = figures.of_diagnosis(outcome)["verdict"]
     assert isinstance(figure, Figure) and len(figure.axes) == 7
-    drawn = [line for line in figure.axes[6].get_lines() if len(line.get_xdata()) > 2]
-    assert len(drawn) == len(outcome.modes)
+    drawn = {str(line.get_label()): line.get_ydata() for line in figure.axes[6].get_lines()}
+    assert outcome.zoom is not None and outcome.isolation is not None
+    np.testing.assert_array_equal(drawn["overload"], outcome.zoom.posterior[:, LABELS.index("overload")])
     legend = figure.axes[6].get_legend()
     assert legend is not None and "overload" in [text.get_text() for text in legend.get_texts()]
     assert "overload" in still_figures.svg(figure)
     assert figures.of_diagnosis(replace(outcome, isolation=None)) == {}
+
+
+def test_a_verdict_of_the_whole_move_stands_in_the_still_figure_too() -> None:
+    outcome = diagnose(DATA / "overload_steady.csv.gz", load_rig(), Settings())
+    assert outcome.isolation is not None
+    event = outcome.isolation.verdict._replace(isolated_s=None)
+    told = replace(outcome.isolation, verdict=event, events=(event,))
+    figure = figures.of_diagnosis(replace(outcome, isolation=told))["whole_log"]
+    last = [line for line in figure.axes[6].get_lines() if "whole move" in str(line.get_label())]
+    assert len(last) == 1 and np.nanmax(last[0].get_ydata()) == event.probability
 
 
 def test_diagnose_starts_without_matplotlib(tmp_path: Path) -> None:

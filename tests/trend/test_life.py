@@ -70,6 +70,20 @@ def test_a_step_is_found_named_and_placed():
     assert all(m.name == "A" for j in late for m in j.changed[:1])
 
 
+def test_a_step_with_a_log_in_between_is_one_step_in_every_quantity():
+    def shift(k):
+        if k < 24:
+            return moved()
+        return moved(A=20.0, backlash=14.0) if k > 24 else moved(A=10.0, backlash=14.0)
+
+    found = [told(life(seed, logs=60, shift=shift)) for seed in range(5)]
+    for t in found:
+        (change,) = t.history.changes
+        assert {"A", "backlash"} <= {
+            n for n, shows in zip(t.baseline.names, change.shows, strict=True) if shows
+        }
+
+
 def test_a_drift_is_a_drift_and_its_limit_is_reached():
     t = told(
         life(2, shift=lambda k: moved(A=max(k - 15, 0) * 1.0)),

@@ -4,11 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from observer_fi.improve import Improvement, Residuals
 from observer_fi.physics import NOMINAL, NOT_TESTED, colour_of, mode_of, words_of
-from observer_fi.records import Array, Event, Fit, Outcome, Parameter, Traces
+from observer_fi.records import Array, Event, Fit, Isolation, Outcome, Parameter, Traces
 from observer_fi.report.diagnosis import headline
+from observer_fi.report.diagnosis_figures import posterior
 from observer_fi.report.still_figures import (
     INK,
     MEASURED,
@@ -26,7 +28,6 @@ WIDTH = 9.0  # inches
 BEFORE, AFTER = "#b4560f", "#0b62b0"
 SIGNALS = (("voltage", "V", 1.0), ("current", "mA", 1e3), ("position", "mm", 1e3), ("speed", "rad/s", 1.0))
 BAND = 1.96  # 95 % of innovations lie within, where the model fits
-SEEN = 0.02  # hypotheses that never were likelier than this are left out of a legend
 LANES = 6
 STATES = {UNCHANGED: ("#3d6fa8", "o"), CHANGED: ("#b3261e", "s"), UNTOLD: ("#8a929b", "x")}
 
@@ -42,13 +43,14 @@ def of_diagnosis(outcome: Outcome) -> dict[str, Figure]:
     near = zoom if zoom.t.size > 1 else whole
     events = [one for event in isolation.events for one in (event, *event.then)]
     return {
-        "verdict": _evidence(near, outcome, isolation.verdict, [isolation.verdict]),
-        "whole_log": _evidence(whole, outcome, isolation.verdict, events),
+        "verdict": _evidence(near, outcome, isolation, [isolation.verdict]),
+        "whole_log": _evidence(whole, outcome, isolation, events),
     }
 
 
-def _evidence(traces: Traces, outcome: Outcome, verdict: Event, events: Sequence[Event]) -> Figure:
+def _evidence(traces: Traces, outcome: Outcome, isolation: Isolation, events: Sequence[Event]) -> Figure:
     """Measured and predicted signals, innovations of the winner, and the posterior, on one time axis."""
+    verdict = isolation.verdict
     heights = {"height_ratios": (1.0, 1.0, 1.0, 1.0, 1.0, 0.8, 1.2)}
     with sheet((WIDTH, 10.8), 7, 1, sharex=True, gridspec_kw=heights) as (figure, column):
         shown = dict.fromkeys((NOMINAL, mode_of(verdict.label, verdict.channel)))
@@ -56,8 +58,7 @@ def _evidence(traces: Traces, outcome: Outcome, verdict: Event, events: Sequence
         _signals(column[:4], traces, outcome.modes, rows)
         _norms(column[4], traces, outcome.modes, rows)
         _innovations(column[5], traces)
-        _posterior(column[6], traces, outcome.modes)
-        _overruled(column[6], outcome)
+        _posterior(column[6], traces, isolation)
         for axes in column:
             _events(axes, traces, events)
         _event_words(column[0], traces, verdict)
@@ -119,30 +120,15 @@ def _innovations(axes: Axes, traces: Traces) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, markerscale=4.0)
 
 
-def _posterior(axes: Axes, traces: Traces, modes: Sequence[str]) -> None:
-    """The probability of every hypothesis; a legend of those that were ever seen."""
-    for j, mode in enumerate(modes):
-        p = traces.probability[:, j]
-        seen = np.nanmax(p) > SEEN
-        axes.plot(traces.t, p, color=colour_of(mode), linewidth=1.4, label=words_of(mode) if seen else None)
+def _posterior(axes: Axes, traces: Traces, isolation: Isolation) -> None:
+    """The probability of every verdict as the page draws it, with what the whole move says beside what the bank said."""
+    for line in posterior(traces, isolation).series:
+        axes.plot(
+            traces.t, line.y, color=line.colour, linewidth=0.7 * line.width, dashes=line.dash or (None, None), label=line.name
+        )  # fmt: skip
     axes.axhline(0.95, color=MUTED, linewidth=0.8, linestyle=":")
     axes.set(ylabel="probability [1]", ylim=(-0.03, 1.03))
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-
-
-def _overruled(axes: Axes, outcome: Outcome) -> None:
-    """Says so where the verdict is not what the bank thought at the end of its move."""
-    whole, isolation = outcome.overview, outcome.isolation
-    if whole is None or isolation is None:
-        return
-    verdict = isolation.verdict
-    within = np.flatnonzero(whole.t <= verdict.end_s)
-    if not within.size:
-        return
-    thought = outcome.modes[int(whole.probability[within[-1]].argmax())]
-    if thought != mode_of(verdict.label, verdict.channel):
-        said = f"of the bank as it ran, which ended with {words_of(thought)}; tests of the whole move overruled it"
-        axes.set_title(said, fontsize=8, fontweight="normal", color=MUTED)
 
 
 def _events(axes: Axes, traces: Traces, events: Sequence[Event]) -> None:
@@ -293,6 +279,22 @@ def _residuals(before: Residuals, after: Residuals) -> Figure:
 
 
 # --- a life, and a comparison ------------------------------------------------------------------------
+
+
+def of_plan(moves: pd.DataFrame, title: str) -> dict[str, Figure]:
+    """The command over time, and the pitch to set where there are several."""
+    names = ["pitch_deg"] * (moves["pitch_deg"].nunique() > 1)
+    command = next(str(name) for name in moves if name not in ("time_s", "pitch_deg"))
+    units = {"speed_cmd_rad_s": "speed [rad/s]", "position_cmd_m": "position [m]", "pitch_deg": "pitch [deg]"}
+    rows = [command, *names]
+    with sheet((WIDTH, 1.6 + 1.6 * len(rows)), len(rows), 1, sharex=True, squeeze=False) as (figure, grid):
+        for name, axes in zip(rows, grid[:, 0], strict=True):
+            how = "steps-post" if name == "pitch_deg" else "default"
+            axes.plot(moves["time_s"], moves[name], color=AFTER, drawstyle=how)
+            axes.set_ylabel(units[name])
+        grid[-1, 0].set_xlabel("time [s]")
+        grid[0, 0].set_title(title, fontsize=9, wrap=True)
+    return {"command": figure}
 
 
 def of_trend(found: Trend) -> dict[str, Figure]:

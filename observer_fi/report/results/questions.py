@@ -16,16 +16,27 @@ from observer_fi import learn, verdict
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.improve import diagnosis_gain
 from observer_fi.improve import improve as improved
-from observer_fi.logs import ColumnMap, columns_of, log_from_frame, log_name, read_log, with_command
+from observer_fi.logs import (
+    ColumnMap,
+    columns_of,
+    digest_of,
+    log_from_frame,
+    log_name,
+    read_log,
+    with_command,
+)
 from observer_fi.physics import Rig, Scenario, Truth, load_rig, synthesise
 from observer_fi.records import Log
 from observer_fi.report import comparison_page, trend_page
 from observer_fi.report import diagnosis as diagnosis_report
 from observer_fi.report import learning as learning_report
+from observer_fi.report.inspection import MAP_FILE
 from observer_fi.report.result_folder import Made, write_result
+from observer_fi.report.results.recording import Inspected, Planned
 from observer_fi.report.results.results import Comparison, Diagnosis, Identification, Improved, Life, Result
 from observer_fi.settings import Settings
-from observer_fi.trend import Digest, digest_of, rig_without_constants
+from observer_fi.trend import Digest, rig_without_constants
+from observer_fi.trend import digest_of as trend_digest_of
 from observer_fi.trend import trend as trend_of
 from observer_fi.verdict import comparison
 
@@ -122,7 +133,8 @@ def simulate(scenario: Scenario, rig: AnyRig = None, name: str = "synthetic") ->
 
 
 def write_report(result: Result, folder: str | Path, figures: str | None = None) -> Path:
-    """Page, JSON and more of a result into a folder, as the command of the same name does; the page's path.
+    """Page, JSON and more of a result into a folder, as the command of the same name does; the page's path, or that of the
+    moves of a plan and of the column map of an inspection.
 
     figures: "png", "svg" or "pdf" for still figures beside the page. A folder that holds another log's result is left alone: the
     result gets one with a number.
@@ -136,7 +148,10 @@ def write_report(result: Result, folder: str | Path, figures: str | None = None)
     if isinstance(result, Diagnosis):
         return diagnosis_report.write(result.outcome, result.rig, folder, still) / "report.html"
     command, logs, files = _files(result, folder.name)
-    return write_result(folder.parent, folder.name, Made(command, logs), files | still) / f"{command}.html"
+    written = write_result(
+        folder.parent, folder.name, Made(command, logs, grows=command == "trend"), files | still
+    )
+    return written / (f"{command}.html" if f"{command}.html" in files else next(iter(files)))
 
 
 def _files(result: Result, name: str) -> tuple[str, dict[str, str], dict[str, str | bytes]]:
@@ -148,11 +163,20 @@ def _files(result: Result, name: str) -> tuple[str, dict[str, str], dict[str, st
     if isinstance(result, Life):
         digests = {j.digest.path: j.digest.sha256 for j in result.record.logs}
         return "trend", digests, {**trend_page.trend_files(result.record, name, list(result.unreadable))}
+    if isinstance(result, Planned):
+        return (
+            "plan",
+            {},
+            {"moves.csv": result.moves, "plan.json": diagnosis_report.json_text(result.to_dict())},
+        )
+    if isinstance(result, Inspected):
+        path = result.record.contents.path
+        return "inspect", {path: digest_of(path)}, {MAP_FILE: result.column_map}
     if isinstance(result, Comparison):
         json = diagnosis_report.json_text(result.record)
         return "compare", {}, {"compare.json": json, "compare.html": comparison_page.page(result.record)}
     raise UsageError(
-        f"write_report takes what diagnose, identify, improve, trend or compare return, not {result!r:.80}"
+        f"write_report takes what diagnose, identify, improve, trend, compare, plan or inspect return, not {result!r:.80}"
     )
 
 
@@ -222,4 +246,4 @@ def _usable(given: Sequence[AnyLog], columns: AnyColumns, bad: list[str], name: 
 
 
 def _digests(logs: Sequence[Log], rig: Rig) -> list[Digest]:
-    return [digest_of(log, rig) for log in logs]
+    return [trend_digest_of(log, rig) for log in logs]

@@ -13,7 +13,7 @@ import pandas as pd
 
 from observer_fi import learn
 from observer_fi.improve import Improvement
-from observer_fi.logs import with_logger
+from observer_fi.logs import with_logger, with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Event, Fit, Log, Outcome
 from observer_fi.report import comparison_page, trend_page
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 WIDE = 100  # characters of a line of text
 
 
-def _figures() -> ModuleType:
+def drawn() -> ModuleType:
     """The module that draws with matplotlib, which nothing else needs."""
     from observer_fi.report.results import figures
 
@@ -154,7 +154,7 @@ class Diagnosis(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`verdict`: every sample around the onset; `whole_log`: all of it. None of a log that tells nothing."""
-        found: dict[str, Figure] = _figures().of_diagnosis(self.outcome)
+        found: dict[str, Figure] = drawn().of_diagnosis(self.outcome)
         return found
 
     def _table(self) -> str:
@@ -189,7 +189,7 @@ class Identification(Result):
     def paragraphs(self) -> tuple[str, ...]:
         """Each parameter with its standard error and what it was before; what cannot be told, and why."""
         learned = [
-            f"  {p.name} = {learning_report.value(p.value, p.std, p.unit)}  (was {p.prior:.4g})"
+            f"  {p.name} = {learning_report.value(p.value, p.std, p.unit)}  (was {with_unit(p.prior, p.unit)})"
             for p in self.fit.parameters
         ]
         untold = [f"  {name}: {why}" for name, why in self.fit.not_identifiable.items()]
@@ -205,7 +205,7 @@ class Identification(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`parameters`: values with their intervals, against those before; `correlation`: between them."""
-        found: dict[str, Figure] = _figures().of_identification(self.fit)
+        found: dict[str, Figure] = drawn().of_identification(self.fit)
         return found
 
     def _repr_html_(self) -> str:
@@ -270,7 +270,7 @@ class Improved(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`improvement`: what each cause gains; `residuals`: over the moves and over what they go with, before and after."""
-        found: dict[str, Figure] = _figures().of_improvement(self.record)
+        found: dict[str, Figure] = drawn().of_improvement(self.record)
         return found
 
 
@@ -313,7 +313,7 @@ class Life(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`trend`: the score and the quantities that changed, log by log."""
-        found: dict[str, Figure] = _figures().of_trend(self.record)
+        found: dict[str, Figure] = drawn().of_trend(self.record)
         return found
 
 
@@ -347,7 +347,7 @@ class Comparison(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`delays`: every time from the onset to the isolation."""
-        found: dict[str, Figure] = _figures().of_comparison(self.record)
+        found: dict[str, Figure] = drawn().of_comparison(self.record)
         return found
 
     def _table(self) -> str:

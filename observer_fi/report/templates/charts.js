@@ -8,6 +8,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   const HOW = "Drag across a chart to zoom, double-click to see all of it again. With a chart chosen: arrows move, + and \u2212 " +
     "or the wheel zoom, 0 shows all. Fingers move and pinch. A line's name hides it.";
   const axes = new Map(), all = [], PAPER = 700; // CSS pixels of a chart in print
+  const WHOLE = [0, 1, 2, 3, 4, 5, 6].flatMap(k => [1, 2, 5].map(v => v * 10 ** k)); // steps between whole numbers
 
   // --- data ---
 
@@ -25,6 +26,13 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     if (value == null) return "";
     const text = Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
     return text.replace("-", "\u2212") + (unit ? "\u00a0" + unit : "");
+  }
+
+  function graded(value, step) { // a place on an axis, with the digits that tell it from the next one
+    if (!step || Math.abs(value) >= 1e5 || step < 1e-6) return String(+value.toPrecision(3)).replace("-", "\u2212");
+    let digits = 0;
+    while (digits < 7 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits++;
+    return value.toFixed(digits).replace("-", "\u2212");
   }
 
   function known(y, k, spans) { // the reading at k, or the nearest one of a line that goes on where points are missing
@@ -90,9 +98,13 @@ One Axis a link: all panels that share the range of x, wherever on the page they
   // --- one panel ---
 
   class Chart {
-    constructor(group, spec, place, x, first, last) {
+    constructor(group, spec, place, x, points, first, last) {
       Object.assign(this, { group, spec, place, first, last, u: null, x, on: spec.series.map(s => s.shown) });
       Object.assign(this, { plot: place.querySelector(".plot"), at: [] }); // at: of each series, its place among uPlot's
+      this.points = points[spec.points];
+      this.who = document.createElement("output");
+      this.who.className = "who";
+      if (this.points.names.length) place.querySelector(".head").append(this.who);
       this.axis = axisOf(spec.link || group.id + "-" + all.length);
       this.axis.cover(this.x, spec.series.some(s => s.points > 3) ? 0.02 : 0); // room for dots at the ends
       this.axis.charts.push(this);
@@ -164,10 +176,13 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       const last = this.last || !spec.link, y = { auto: true, range: (u, low, high) => this.range(low, high) };
       Object.assign(y, { log: { distr: 3 }, asinh: { distr: 4, asinh: 1 } }[spec.scale]);
       const across = { stroke: ink, font: FONT, labelFont: FONT, grid: line, ticks: line, size: last ? 28 : 6, gap: 4, space: 64 };
+      if (this.points.names.length && this.x.every(Number.isInteger)) across.incrs = WHOLE;
       if (!last) across.values = (u, at) => at.map(() => "");
       else if (spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
       if (spec.ticks.length) Object.assign(across, { splits: () => spec.ticks.map(t => t[0]), values: () => spec.ticks.map(t => t[1]), size: 44 });
       const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
+      if (!gradations[spec.scale]) up.values = (u, at, k, space, step) => at.map(v => v == null ? "" : graded(v, step));
+      if (spec.ticksUp.length) Object.assign(up, { splits: () => spec.ticksUp.map(t => t[0]), values: () => spec.ticksUp.map(t => t[1]) });
       if (gradations[spec.scale]) Object.assign(up, { splits: (u, k, low, high) => gradations[spec.scale](low, high), filter: (u, at) => at });
       this.plot.style.height = "";
       this.u = new uPlot({
@@ -255,6 +270,12 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       });
       const when = this.group.querySelector(".when");
       if (when && this.spec.link) when.textContent = inside ? +this.x[k].toFixed(5) + " s" : "";
+      this.who.textContent = inside ? this.points.names[k] || "" : "";
+      if (u) u.over.style.cursor = this.leads() ? "pointer" : "";
+    }
+    leads() { // where a click leads: to what the dot under the cursor is of
+      const { idx, left } = this.u.cursor, near = idx != null && Math.abs(this.u.valToPos(this.x[idx], "x") - left) < 12;
+      return near ? this.points.links[idx] || "" : "";
     }
 
     // --- hands ---
@@ -283,7 +304,9 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     under(clientX) { return this.u.posToVal(clientX - this.u.over.getBoundingClientRect().left, "x"); }
     fingers() {
       const down = new Map(), over = this.u.over;
-      over.addEventListener("mousedown", () => { this.axis.held = this; });
+      let pressed = 0;
+      over.addEventListener("mousedown", event => { this.axis.held = this; pressed = event.clientX; });
+      over.addEventListener("click", event => { if (Math.abs(event.clientX - pressed) < 4 && this.leads()) location.href = this.leads(); });
       over.addEventListener("pointerdown", event => {
         if (event.pointerType === "touch") { down.set(event.pointerId, event.clientX); over.setPointerCapture(event.pointerId); }
       });
@@ -333,7 +356,7 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     const places = group.querySelectorAll(".panel"), linked = spec.panels.filter(p => p.link);
     group.marks = spec.marks;
     spec.panels.forEach((panel, k) => {
-      all.push(new Chart(group, panel, places[k], xs[panel.x], panel === linked[0], panel === linked[linked.length - 1]));
+      all.push(new Chart(group, panel, places[k], xs[panel.x], spec.points, panel === linked[0], panel === linked[linked.length - 1]));
     });
     if (spec.views.length) bar(group, spec, axes.get(linked[0].link));
   }
