@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     from observer_fi.plan import Limits, Plan
 
 
+# What each stage usually takes of the whole.
+SHARES = {
+    "sizes of the rivals": 0.1, "what each kind": 0.1, "the best profile": 0.1, "does it decide": 0.7,
+}  # fmt: skip
+
+
 def plan_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `plan`."""
     asked = parser.add_mutually_exclusive_group(required=True)
@@ -67,7 +73,7 @@ def run_plan(args: argparse.Namespace) -> int:
         low, high = numbers(args.travel, ":", 2, "--travel")
         travel = 1e-3 * low, 1e-3 * high
     limits = limits_of(rig, args.seconds, pitches, args.speed, travel, args.rate)
-    with Stages(args) as tell:
+    with Stages(args, SHARES) as tell:
         plan = _planned(args, rig, limits, tell)
     result = to_json(plan)
     files = {"moves.csv": moves_csv(plan), "plan.json": json_text(result)}

@@ -2,16 +2,20 @@
 
 import argparse
 import contextlib
+import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 DELAY_S = 2.0  # a command that is done sooner says nothing
 TICK_S = 0.5
+LEAST_SHARE = 0.05  # of the whole that must be over before the rest can be guessed
+NO_SHARES: Mapping[str, float] = MappingProxyType({})
 
 
 def _shown(args: argparse.Namespace) -> bool:
@@ -45,20 +49,35 @@ def _to(bar: Any, share: float) -> None:
 
 
 class Stages:
-    """What a long command is doing, and for how long already: one line of a terminal that counts the seconds.
+    """What a long command is doing, for how long already, and how long the rest will take: one line of a terminal.
 
-    How long the rest takes is not known: it depends on what is found on the way.
+    shares: by the beginning of a stage's text how much of the whole it usually is. The time left rests on the stages that are
+    over; how many there will be depends on what is found on the way, so that it is a guess, told in round figures.
     """
 
-    def __init__(self, args: argparse.Namespace) -> None:
+    def __init__(self, args: argparse.Namespace, shares: Mapping[str, float] = NO_SHARES) -> None:
         self.shown, self.text, self.written = _shown(args) and not args.json, "", False
+        self.shares, self.over_share = shares, 0.0
         self.begun = self.since = time.monotonic()
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._count, daemon=True)
 
     def __call__(self, text: str) -> None:
         """The next stage begins."""
+        self.over_share += self._share()
         self.text, self.since = text, time.monotonic()
+
+    def _share(self) -> float:
+        """What the stage under way usually is of the whole."""
+        return next((share for name, share in self.shares.items() if self.text.startswith(name)), 0.0)
+
+    def left_s(self, now: float) -> float | None:
+        """Seconds that the rest will take, None where too little is over to tell."""
+        if self.over_share < LEAST_SHARE:
+            return None
+        whole = (self.since - self.begun) / self.over_share
+        later = max(1.0 - self.over_share - self._share(), 0.0)
+        return whole * later + max(whole * self._share() - (now - self.since), 0.0)
 
     def __enter__(self) -> "Stages":
         if self.shown:
@@ -75,7 +94,9 @@ class Stages:
         while not self.over.wait(TICK_S):
             now = time.monotonic()
             if self.text and now - self.begun > DELAY_S:
-                self._write(f"  {self.text}: {now - self.since:.0f} s, {now - self.begun:.0f} s in all")
+                left = self.left_s(now)
+                rest = "" if left is None else f", about {math.ceil(left)} s left"
+                self._write(f"  {self.text}: {now - self.since:.0f} s, {now - self.begun:.0f} s in all{rest}")
 
     def _write(self, line: str) -> None:
         """This line in place of the one before."""

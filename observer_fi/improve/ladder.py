@@ -48,18 +48,23 @@ def next_step(
 
 
 def still_standing(problem: Problem[F], fitted: F, steps: Sequence[Step[F]]) -> tuple[F, list[Step[F]]]:
-    """Drop what lost its support after others entered; swap what another cause explains better by now."""
-    left = list(steps)
+    """Drop what lost its support after others entered; swap what another cause explains better by now.
+
+    The step that entered last won beside all others: it is asked again only where one of these has changed.
+    """
+    left, changed = list(steps), False
     for item in sorted(steps, key=lambda s: s.trial.gain):
         if len(left) < 2:
             break
+        if item is steps[-1] and not changed:
+            continue
         without = problem.without(fitted, item.trial.candidates)
         rest = [s for s in left if s is not item]
         step, _, _ = next_step(problem, without, rest)
         if step is None:
-            left, fitted = rest, without
+            left, fitted, changed = rest, without, True
             continue
         left = [step if s is item else s for s in left]
         if set(step.trial.causes) != set(item.trial.causes):
-            fitted = problem.settled(without, step.trial)
+            fitted, changed = problem.settled(without, step.trial), True
     return fitted, left

@@ -6,15 +6,14 @@ once per parameter.
 """
 
 import math
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from observer_fi.improve.problem import Candidate
-from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals, run, scales
+from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals_each, run, scales
 from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Cause, Coverage, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
@@ -78,15 +77,19 @@ def _free(term: Term) -> Free:
     return Free(term.parameter, abs(start - reached), term.low, reached)
 
 
-def columns_of(experiment: Experiment, fitted: FitResult, variant: Variant) -> Array:
-    """(number of sizes, N, 3) change of the normalised readings for one start size of each term."""
+def columns_of(experiment: Experiment, fitted: FitResult, variants: Sequence[Variant]) -> Iterator[Array]:
+    """Of each variant the (number of sizes, N, 3) change of the normalised readings for one start size of each term."""
+    moved = [model for variant in variants for model in _one_size_away(fitted.model, variant)]
+    made = residuals_each(experiment, moved, [fitted.nuisance] * len(moved))
+    for variant in variants:
+        yield np.array([fitted.residuals - next(made) for _ in variant.sizes])
+
+
+def _one_size_away(model: Model, variant: Variant) -> list[Model]:
+    """For each size of a variant the model with one start of it, and with the shapes where they start."""
     shapes = {name: value for name, value in start_values(variant).items() if name in variant.shapes}
-    here = override(fitted.model, fitted.model.name, **shapes)
-    parts = []
-    for term in variant.sizes:
-        moved = override(here, here.name, **{term.parameter: _away(here[term.parameter], term)})
-        parts.append(fitted.residuals - residuals(experiment, moved, fitted.nuisance))
-    return np.array(parts)
+    here = override(model, model.name, **shapes)
+    return [override(here, here.name, **{t.parameter: _away(here[t.parameter], t)}) for t in variant.sizes]
 
 
 def _away(value: float, term: Term) -> float:
@@ -99,9 +102,8 @@ def screen(
 ) -> list[Candidate]:
     """Every variant of the causes, best score first; variants that the data cannot move are left out."""
     pairs = [(CAUSES[name], v) for name in causes for v in CAUSES[name].variants(coverage, MOVES)]
-    with ThreadPoolExecutor(2) as pool:
-        columns = list(pool.map(lambda pair: columns_of(experiment, fitted, pair[1]), pairs))
     base = Projector(experiment, fitted)
+    columns = columns_of(experiment, fitted, [variant for _, variant in pairs])
     scored = (_score(base, *pair, block) for pair, block in zip(pairs, columns, strict=True))
     found = [candidate for candidate in scored if candidate is not None]
     prices = [penalty(experiment, len(c.variant.terms), len(found)) for c in found]
@@ -226,14 +228,9 @@ def gross_starts(
         if len(v.sizes) == 1 and not v.sizes[0].with_it and math.isfinite(v.sizes[0].neutral)
         for value in _gross_sizes(v.sizes[0])
     ]
+    models = [model, *(override(model, model.name, **values) for _, _, values in tried)]
     still = np.zeros((experiment.moves, 2))
-
-    def misfit(values: dict[str, float]) -> float:
-        return sum_of_squares(residuals(experiment, override(model, model.name, **values), still))
-
-    with ThreadPoolExecutor(2) as pool:
-        left = list(pool.map(misfit, (values for _, _, values in tried)))
-    least = misfit({})
+    least, *left = map(sum_of_squares, residuals_each(experiment, models, [still] * len(models)))
     found: dict[tuple[str, str], tuple[Cause, Variant, dict[str, float]]] = {}
     for k in np.argsort(left):
         cause, variant, values = tried[k]

@@ -75,6 +75,7 @@ _EXACT = 2  # refits of a round that may be done anew, exactly
 _BEHIND = 0.05  # of its score that a refit may miss
 MOST_ROWS = 120_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
+_SETTLED = 30  # iterations in which an accepted trial is fitted exactly
 _STOP_NATS = 100.0  # that stops must gain in the refit
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
 _IMPERFECT = 1.25
@@ -337,7 +338,8 @@ class SimulatedMoves:
         return {best.cause.name: tuple(others)}
 
     def settled(self, fitted: FitResult, trial: Trial[FitResult]) -> FitResult:
-        return refit(self.experiment, fitted, trial.candidates[0], exact=True)
+        near = trial.fitted
+        return fit(self.experiment, near.model, near.free, near.nuisance, iterations=_SETTLED)
 
     def without(self, fitted: FitResult, candidates: Sequence[Candidate]) -> FitResult:
         return without(self.experiment, fitted, candidates[0].variant)
@@ -350,7 +352,7 @@ class SimulatedMoves:
         fitted = plain.baseline()
         steps, path = [], []
         for step in ladder.steps:
-            after = plain.settled(fitted, step.trial)
+            after = refit(self.experiment, fitted, step.trial.candidates[0], exact=True)
             gain, price = fitted.objective - after.objective, step.trial.gain - step.trial.nets[0]
             trial = Trial(step.trial.candidates, after, gain, (gain - price,))
             steps.append(Step(trial, plain._gain(fitted, after)[1], step.rivals))

@@ -56,6 +56,7 @@ from observer_fi.learn.output_error import (
     noise_floor,
     nuisance_columns,
     residuals,
+    residuals_each,
     whiteness,
     without_moves,
 )
@@ -116,6 +117,7 @@ __all__ = [
     "relative",
     "residual_on",
     "residuals",
+    "residuals_each",
     "residuals_by_phase",
     "run",
     "scales",

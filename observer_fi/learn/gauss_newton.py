@@ -117,7 +117,7 @@ def search(
     for _ in range(iterations):
         columns = around = np.empty(0)  # not twice at once: they are the largest there is
         columns, around = problem.columns(point)
-        better = _better(problem, point, project(problem, columns, around, point))
+        better = _better(problem, point, project(problem, columns, around, point), worth)
         gain = point.objective - better.objective if better else 0.0
         point = better or point
         if gain >= worth:
@@ -147,14 +147,30 @@ def objective(values: Mapping[str, float] | Model, free: Sequence[Free], r: Arra
     return total + 0.5 * sum(((values[f.name] - f.prior) / f.prior_std) ** 2 for f in free)
 
 
-def _better(problem: Problem, point: Point, normal: Normal) -> Point | None:
-    """The point after the longest step that lowers the objective: the Newton step, its half, and so on."""
+def _better(problem: Problem, point: Point, normal: Normal, worth: float) -> Point | None:
+    """The point after the longest step that lowers the objective: the Newton step, its half, and so on.
+
+    At the edge of stick and slip the difference of a rest tells nothing of it, and would spoil a good step of the parameters:
+    each length is also tried with the rests where they are. Nothing shorter is tried once the parameters' part promises
+    less than `worth` [nats].
+    """
     step = newton_step(problem.free, point.values, normal)
+    still = normal._replace(pull=np.zeros_like(normal.pull), follow=np.zeros_like(normal.follow))
+    promising = promised(problem.free, point.values, normal, step) >= worth
     for halving in range(_HALVINGS):
-        trial = moved(problem, point, 0.5**halving * step, normal)
-        if trial.objective < point.objective:
-            return trial
+        for rests in (normal, still):
+            trial = moved(problem, point, 0.5**halving * step, rests)
+            if trial.objective < point.objective:
+                return trial
+            if not promising:
+                return None
     return None
+
+
+def promised(free: Sequence[Free], values: Mapping[str, float], normal: Normal, step: Array) -> float:
+    """Nats that the linearised objective gains by a step (k,) of the parameters, in units of the steps."""
+    H, g = _whole(free, values, normal)
+    return float(g @ step - 0.5 * step @ H @ step)
 
 
 def moved(problem: Problem, point: Point, step: Array, normal: Normal) -> Point:
@@ -201,9 +217,7 @@ def newton_step(free: Sequence[Free], values: Mapping[str, float], normal: Norma
     """
     at = np.array([values[f.name] for f in free])
     low, high = np.array([f.low for f in free]), np.array([f.high for f in free])
-    prior = np.array([f.prior_weight for f in free])
-    H = normal.H.sum(axis=0) + np.diag(prior)
-    g = normal.g.sum(axis=0) + prior * np.array([(f.prior - values[f.name]) / f.step for f in free])
+    H, g = _whole(free, values, normal)
     inside, step = np.ones(len(free), dtype=bool), np.zeros(len(free))
     for _ in free:
         step[:] = 0.0
@@ -213,6 +227,13 @@ def newton_step(free: Sequence[Free], values: Mapping[str, float], normal: Norma
             break
         inside &= ~out
     return step
+
+
+def _whole(free: Sequence[Free], values: Mapping[str, float], normal: Normal) -> tuple[Array, Array]:
+    """(k, k) and (k,): the normal equations of all moves and of the priors."""
+    prior = np.array([f.prior_weight for f in free])
+    pull = np.array([(f.prior - values[f.name]) / f.step for f in free])
+    return normal.H.sum(axis=0) + np.diag(prior), normal.g.sum(axis=0) + prior * pull
 
 
 def _solve(H: Array, g: Array) -> Array:

@@ -1,7 +1,7 @@
 """Output-error fits of the moves of an experiment: parameters that make the simulated readings agree with the measured ones."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +27,7 @@ from observer_fi.records import Array
 _ITERATIONS = 20
 _DONE = 0.02  # nats that a step must gain to be worth another one
 _WHITE_LAGS = 20
+_AT_ONCE = 64  # models whose readings are held at the same time
 _FEWEST = 50  # samples of a channel that tell the correlation of its residual
 _LONGEST = 400  # samples over which residuals may be correlated
 
@@ -91,24 +92,20 @@ class _OutputError:
         return residuals(self.experiment, self.model_at(values), nuisance)
 
     def columns(self, point: Point) -> tuple[Array, Array]:
-        model = self.model_at(point.values)
-        around = nuisance_columns(self.experiment, model, point.nuisance, point.residuals)
-        return self._parameter_columns(model, point), around
-
-    def _parameter_columns(self, model: Model, point: Point) -> Array:
-        r, open_ = point.residuals, [f for f in self.free if f.name not in self.known]
+        model, r = self.model_at(point.values), point.residuals
+        open_ = [f for f in self.free if f.name not in self.known]
         step = {f.name: f.step if model[f.name] + f.step <= f.high else -f.step for f in open_}
         beside = [override(model, model.name, **{name: model[name] + by}) for name, by in step.items()]
-        readings = simulate_each(self.experiment, beside, [point.nuisance] * len(beside))
+        shifted = [point.nuisance + by for by in np.diag(NUISANCE_STEP)]
+        rests = [*[point.nuisance] * len(beside), *shifted]
+        made = residuals_each(self.experiment, [*beside, model, model], rests)
         columns = np.empty((len(self.free), *r.shape))
-        made = iter(readings)
         for column, f in zip(columns, self.free, strict=True):
             if f.name in self.known:
                 column[:] = self.known[f.name]
                 continue
-            there = whitened(self.experiment, (self.experiment.z - next(made)) * self.experiment.weight)
-            column[:] = (r - there) * (f.step / step[f.name])
-        return columns
+            column[:] = (r - next(made)) * (f.step / step[f.name])
+        return columns, np.array([r - there for there in made])
 
 
 def fit(
@@ -153,6 +150,16 @@ def residuals(
     return whitened(
         experiment, (experiment.z - simulate(experiment, model, nuisance, ready)) * experiment.weight
     )
+
+
+def residuals_each(
+    experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array]
+) -> Iterator[Array]:
+    """As `residuals` of k models with a nuisance each, simulated side by side: cheaper by far than one after another."""
+    for first in range(0, len(models), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        for readings in simulate_each(experiment, models[some], nuisances[some]):
+            yield whitened(experiment, (experiment.z - readings) * experiment.weight)
 
 
 def nuisance_columns(experiment: Experiment, model: Model, nuisance: Array, r: Array) -> Array:

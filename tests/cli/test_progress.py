@@ -64,6 +64,19 @@ def test_stages_count_the_seconds_and_leave_nothing_behind(monkeypatch: pytest.M
     assert "  refit of the rig: 0 s, 0 s in all" in said and said.endswith("\r\x1b[K")
 
 
+def test_stages_say_how_long_the_rest_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = terminal_of(monkeypatch)
+    with Stages(asked(), {"refit": 0.25, "scores": 0.5}) as tell:
+        tell("refit of the rig")
+        assert tell.left_s(tell.since + 1.0) is None
+        tell.begun -= 10.0
+        tell("scores, 0 named so far")
+        assert tell.left_s(tell.since + 5.0) == pytest.approx(25.0, abs=0.5)  # of 40 s, 10 and 5 are over
+        assert tell.left_s(tell.since + 60.0) == pytest.approx(10.0, abs=0.5)
+        time.sleep(0.3)
+    assert "about 30 s left" in terminal.getvalue() or "about 31 s left" in terminal.getvalue()
+
+
 @pytest.mark.parametrize("case", ["quiet", "no terminal", "soon done", "json"])
 def test_nothing_is_said_where_nobody_waits(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     said: io.StringIO = terminal_of(monkeypatch)

@@ -111,21 +111,21 @@ def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
 
 
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
-    nothing = DiagnosisGain(8, 8, 1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
-    better = DiagnosisGain(0, 8, 0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
+    nothing = DiagnosisGain(1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
+    better = DiagnosisGain(0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})
     shown = Excitation(
         8, (200.0, 410.0), (-1, 1), (-5.0, 0.0), 2, {"steady": 8.0, "saturation": 0.3, "rest": 0.0}
     )
     record = replace(sticky, excitations=(shown,))
     files = improve_files(record, (nothing, better), "sticky", ["sticky.csv"])
     found = json.loads(files["improve.json"])["diagnosis"]
-    assert found["baseline"]["alarms"] == 8 and found["baseline"]["delay_s"]["overload"] is None
+    assert found["baseline"]["right"] == 9 and found["baseline"]["delay_s"]["overload"] is None
     assert found["extended"]["delay_s"] == {"overload": 0.04, "coupling_loss": 0.004}
     held = "8 moves, both directions, 2 reversals without a rest; speeds 200, 410 rad/s; pitch -5, 0 deg; 8 s steady"
     assert held in files["improve.html"]
     assert "<h2>Which equation the data want to free</h2>" in files["improve.html"]
     assert sticky.disturbances and 'id="charts-disturbance-0-over"' in files["improve.html"]
-    assert "8 of 8" in files["improve.html"] and "40.0 ms" in files["improve.html"]
+    assert "9 of 16" in files["improve.html"] and "40.0 ms" in files["improve.html"]
 
 
 @pytest.mark.slow

@@ -6,11 +6,12 @@ import hidden
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns import campaign
 
 from observer_fi.improve import Improvement, improve, to_json
-from observer_fi.improve.new_moves import MOST_MOVES, Count
+from observer_fi.improve.new_moves import BEHIND, MOST_MOVES, Count, counted
 from observer_fi.logs import log_from_frame
-from observer_fi.physics import load_rig
+from observer_fi.physics import load_rig, with_values
 
 RIG = load_rig()
 
@@ -37,6 +38,15 @@ def test_json_counts_new_moves_and_says_what_noise_would_leave(rippled: Improvem
     assert set(table["new_moves"]) == {"rig_file", "refit", "extended", "written"}
     assert table["new_moves"]["extended"] == Count(rippled.new_moves.extended.moves, 0)._asdict()
     assert table["extended"]["nll_per_sample"] == pytest.approx(table["extended"]["noise_floor_nll"], abs=0.1)
+
+
+def test_a_rig_that_is_far_behind_is_asked_no_more() -> None:
+    better = with_values(RIG, {"A": 5e-4})
+    rigs = {"worse": lambda m: RIG, "better": lambda m: better}
+    moves = [(m, campaign()) for m in range(7)]
+    found = counted(rigs, moves, lambda part, rig: rig is RIG)
+    assert found == {"worse": Count(BEHIND, BEHIND), "better": Count(7, 0)}
+    assert counted(rigs, moves, lambda part, rig: True) == dict.fromkeys(rigs, Count(7, 7))
 
 
 @pytest.mark.slow

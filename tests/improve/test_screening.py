@@ -86,7 +86,7 @@ def test_what_the_refit_can_do_is_projected_off(problem):
 def test_a_column_is_the_change_of_the_readings_by_one_start(problem):
     fitted, experiment = problem.baseline(), problem.experiment
     variant = CAUSES["current_offset"].variants(Coverage(current_noise=3e-4), MOVES)[0]
-    (column,) = columns_of(experiment, fitted, variant)
+    ((column,),) = columns_of(experiment, fitted, [variant])
     start = variant.terms[0].start
     seen = experiment.weight[:, 1] > 0.0
     assert np.median(column[seen, 1]) == pytest.approx(start * experiment.weight[seen, 1].max(), rel=0.02)
@@ -127,7 +127,7 @@ def test_a_signed_cause_cannot_score_with_the_wrong_sign(problem):
         coverage_of(experiment, fitted.model, fitted.nuisance), MOVES
     )[0]
     assert all(t.low == 0.0 for t in variant.terms)
-    columns = columns_of(experiment, fitted, variant)
+    (columns,) = columns_of(experiment, fitted, [variant])
     driving = replace(fitted, residuals=-50.0 * columns.sum(axis=0))
     found = screen(
         experiment, driving, ["viscous_friction"], coverage_of(experiment, fitted.model, fitted.nuisance)

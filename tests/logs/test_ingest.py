@@ -28,7 +28,6 @@ from scenarios import (
 
 from observer_fi.bank.log_feed import LogStream
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.diagnosis_gain import pieces
 from observer_fi.logs.columns import COLUMNS as KINDS
 from observer_fi.logs.columns import columns_from_table, load_columns
 from observer_fi.logs.ingest import log_from_frame, log_name, open_log, read_log
@@ -206,7 +205,6 @@ def test_a_load_survives_chunks_gaps_and_cuts(rows: int, tmp_path: Path) -> None
     parts = [part.load for part in open_log(path, column_map).chunks(rows)]
     assert np.array_equal(np.concatenate([part for part in parts if part is not None]), log.load)
     assert np.array_equal(cut(log, 100, 900).load, log.load[100:900])
-    assert sum(piece.load.size for piece in pieces(log, 400) if piece.load is not None) == log.t.size
     kept = np.append(np.arange(700), np.arange(760, log.t.size))  # a gap, which a bank fills
     holed = replace(log, **{f: getattr(log, f)[kept] for f in SAMPLES if getattr(log, f) is not None})
     filled, own = LogStream().take(holed)

@@ -191,7 +191,7 @@ def _identify_files(result: Identification, name: str) -> dict[str, str]:
 
 
 def _improve_files(result: Improved, name: str) -> dict[str, str]:
-    gain = diagnosis_gain(list(result.logs), result.before, result.rig)
+    gain = diagnosis_gain(result.before, result.rig)
     paths = [log.path for log in result.logs]
     return learning_report.improve_files(result.record, gain, name or log_name(paths[0]), paths)
 
