@@ -127,7 +127,8 @@ def summary(frame: pd.DataFrame, first: int) -> str:
         "tests/hidden/surroundings.py: the paper's rig, drawn anew for each kind, on another day.",
         "*Three healthy logs*: what `identify` makes of campaigns on a usual day, half way, and in these surroundings.", "",
         "## All surroundings, with the rig file alone", "", totals(frame[frame["rig"] == ALONE]), "",
-        "## Those in which three healthy logs were learned too", "", totals(frame[frame["kind"].isin(learned)]), "",
+        "## Those in which three healthy logs were learned too", "",
+        totals(frame[frame["kind"].isin(learned)]) if len(learned) else "None in this run.", "",
         "## By surroundings", "", table(frame), "",
     ]  # fmt: skip
     return "\n".join(lines)

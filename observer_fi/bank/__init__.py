@@ -20,7 +20,7 @@ from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import REPEATING, Hypothesis, arrays, bank, of_a_move
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.rig_scale import between_samples, usual_errors
+from observer_fi.bank.rig_scale import ROOMS, between_samples, usual_errors, with_room
 from observer_fi.bank.work_arrays import work_arrays
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "REPEATING",
+    "ROOMS",
     "Bank",
     "BankState",
     "LogSamples",
@@ -56,6 +57,7 @@ __all__ = [
     "tuning",
     "usual_errors",
     "usual_step",
+    "with_room",
 ]
 
 

@@ -23,9 +23,10 @@ from observer_fi.bank.bank_state import (
     state_of,
     state_places,
     visits_of,
+    write_state,
 )
 from observer_fi.bank.first_state import first_readings, start
-from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
+from observer_fi.bank.hypotheses import MOTION, Hypothesis, arrays, bank
 from observer_fi.bank.imm import mix, posterior
 from observer_fi.bank.log_feed import CommandStream, LogStream
 from observer_fi.bank.packing import bank_rows, tuning
@@ -351,6 +352,27 @@ class Bank:
             self._run(now.cut(first, first + BLOCK), out.cut(first, first + BLOCK))
         self._forget()
         return self._estimate(now, out).at(own)
+
+    def again(self, samples: LogSamples, memory: HypothesisState) -> Estimate:
+        """Estimate of samples at hand, of a bank that begins with what the first hypothesis of another remembers before them."""
+        self.state = self.start(first_readings(samples.z), samples.w_cmd[0])
+        self.state.z[:], self.state.t[:], self.state.stopped[:] = memory.z, memory.t, memory.stopped
+        for row, seat in enumerate(self.seats):
+            there, same = (
+                state_of(self.state, row, seat),
+                self.hypotheses[row].states == self.hypotheses[0].states,
+            )
+            x = memory.x if same else np.concatenate((memory.x[: len(MOTION)], there.x[len(MOTION) :]))
+            P = memory.P if same else there.P
+            write_state(
+                self.state, row, seat, there._replace(x=x, P=P, slow=memory.slow, predicted=memory.predicted)
+            )
+        self.recent, self.snapshots = samples, deque()
+        out = written(samples.t.size, len(self.hypotheses))
+        for first in range(0, samples.t.size, BLOCK):
+            self.snapshots.append((float(samples.t[first]), state_of(self.state, 0, self.seats[0])))
+            self._run(samples.cut(first, first + BLOCK), out.cut(first, first + BLOCK))
+        return self._estimate(samples, out)
 
     def _run(self, feed: LogSamples, out: Written) -> None:
         self.run(self.rows, self.tuning, self.state, self.scratch, feed, out, self.unvisited)

@@ -248,8 +248,8 @@ def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scal
     if state in settings.diffusion:
         return (settings.diffusion[state] * scale.of(state)) ** 2
     own = _own(h, state)
-    growth = own.growth * _unit(own, rig, scale) if own else settings.wander.get(state, 0.0)
-    return growth**2
+    growth = own.growth * _unit(own, rig, scale) if own else 0.0
+    return growth**2 + settings.wander.get(state, 0.0) ** 2
 
 
 def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings) -> Array:

@@ -66,12 +66,37 @@ def with_errors(settings: BankSettings, rig: Rig) -> BankSettings:
     errors = usual_errors(settings, rig) | rig.errors
     scale, model = scale_of(rig.model), rig.model
     diffusion = {"w": errors["torque"] / model["J"], "x": errors["travel"] / scale.travel}
-    changed = replace(settings, agility=errors["change"], wander=settings.wander | {"A": errors["friction"]})
+    changed = replace(settings, agility=errors["change"], wander=_wandering(settings, errors["friction"]))
     if not rig.watched.servo:
         free = errors["servo"] / scale.current
         return replace(changed, free_current=free, diffusion=settings.diffusion | diffusion)
     diffusion["I"] = errors["servo"] / (scale.integral * model["Ki"])
     return replace(changed, diffusion=settings.diffusion | diffusion)
+
+
+class Room(NamedTuple):
+    """What a day brings to the mechanics. friction: growth of its relative deviation per root of a second; torque: errors of the
+    motor's torque over the usual ones.
+    """
+
+    friction: float
+    torque: float
+
+
+# A torque of 3 % of the friction that swells at 1.1 Hz, or a pitch that is told late, is likeliest with the first or the second
+# one; a ripple of 3 % with every turn of the shaft, too fast for any wandering constant, with the third one.
+ROOMS = (Room(0.02, 1.0), Room(0.035, 1.0), Room(0.02, 20.0))
+
+
+def with_room(settings: BankSettings, room: Room) -> BankSettings:
+    """Settings in which friction, coupled or not, has room for what a day brings: a torque that swells, ripples or is late."""
+    wider = {"w": room.torque * settings.diffusion["w"]}
+    return replace(settings, wander=_wandering(settings, room.friction), diffusion=settings.diffusion | wider)
+
+
+def _wandering(settings: BankSettings, friction: float) -> dict[str, float]:
+    """Growth of the deviations of constants, with that of every friction."""
+    return settings.wander | {"A": friction, "A_decoupled": friction}
 
 
 PAPERS_HZ = 1600.0  # samples a second of the paper, for which the settings' agility was found

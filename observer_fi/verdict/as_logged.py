@@ -10,25 +10,19 @@ from functools import partial
 
 import numpy as np
 
-from observer_fi.bank import REPEATING, Bank, bank, between_samples
+from observer_fi.bank import REPEATING, between_samples
 from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
 from observer_fi.numerics import in_python
-from observer_fi.physics import Rig, equations, with_values
+from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.lateness import Lateness, SetBack, first_start, lateness_of, set_right
+from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.moves.of_the_day import Day, FirstStart
 from observer_fi.verdict.testable import for_readings
 
 OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
 SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
-# Of the resistance of the rig file: copper has 0.39 % more a kelvin, and a winding that is cold or has run is 15 K cooler to 45 K
-# warmer. What lies beyond is a fault.
-WINDINGS = (0.94, 1.06, 1.12, 1.18)
-FINER = (-0.03, -0.015, -0.007, 0.007, 0.015, 0.03)
-LOOKED_AT = 1.05  # times the expected NIS: a start that nominal explains better tells of no other winding
-NOTICED_NATS, FITS = 40.0, 1.3  # that another winding must gain at a start, and how well nominal then fits
 SAME_NOISE = 0.1  # relative: less is no news
-BEGIN = 8  # samples until a filter has found its state
 LEARNABLE = FEWEST_AT_REST  # samples of a stream
 
 
@@ -49,13 +43,11 @@ class AsLogged:
         known = replace(rig, logger=self.acquisition)
         averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
         self.late = lateness_of(self._even(self.readings.take(log)), known, self.settings, averaged)
-        known = set_right(known, self.late, 1.0 / log.rate_hz)
-        self.winding = winding_of(self._even(self.readings.take(log)), known, self.settings)
-        known = with_values(known, {"Rm": self.winding * known.model["Rm"]}) if self.winding != 1.0 else known
+        self.late, self.day = self._of_the_day(log, known, averaged)
+        self.offset = self.day.offset
+        known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
         as_filed = (
-            self.winding == 1.0
-            and (known.noise_std == rig.noise_std).all()
-            and (known.repeats <= REPEATING).all()
+            self.day.usual and (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
         )
         self.rig = rig if as_filed and not known.step.any() and not any(self.late) else known
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
@@ -75,54 +67,46 @@ class AsLogged:
 
     def same_as(self, other: "AsLogged | None", settings: BankSettings) -> bool:
         """Whether another, or the rig file alone where there is none, says the same to filters."""
-        plain = self.readings.plain and not self.offset and not any(self.late) and self.winding == 1.0
+        plain = self.readings.plain and not self.offset and not any(self.late) and self.day.usual
         if other is None:
             return plain and self.rig.logger is None and self.settings == settings
         same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
-        same = (
-            self.offset == other.offset
-            and self.winding == other.winding
-            and self.late == other.late
-            and self.settings == other.settings
-        )
+        same = self.day == other.day and self.late == other.late and self.settings == other.settings
         held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands
         return bool(same_noise) and same and held
 
+    def _of_the_day(self, log: Log, known: Rig, averaged: Lateness) -> tuple[Lateness, Day]:
+        """How late channels are, and the winding and gains of the day: a start of other gains can look late."""
+        readings = self._on_even_clock(self.readings.take(log))
+
+        def start(late: Lateness) -> FirstStart:
+            right = set_right(known, late, 1.0 / log.rate_hz)
+            return FirstStart(
+                SetBack(late).take(readings),
+                right,
+                self.settings,
+                partial(electrical_offset, self.acquisition),
+            )
+
+        late, begun = self.late, start(self.late)
+        day = begun.day()
+        if late == averaged:
+            return late, day
+        in_time = start(averaged)
+        other = in_time.day()
+        better = not other.usual and in_time.told(other).nats > begun.told(day).nats
+        return (averaged, other) if better else (late, day)
+
+    def _on_even_clock(self, log: Log) -> Log:
+        clock = self.acquisition.clock
+        return (
+            replace(log, t=even(log.t, clock.interval_s, clock.resolution_s)) if clock.resolution_s else log
+        )
+
     def _even(self, log: Log) -> Log:
         """A chunk on an even clock and without the offset of its voltage."""
-        clock = self.acquisition.clock
-        if clock.resolution_s:
-            log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+        log = self._on_even_clock(log)
         return replace(log, z=log.z - np.array([self.offset, 0.0, 0.0])) if self.offset else log
-
-
-def winding_of(log: Log, rig: Rig, settings: BankSettings) -> float:
-    """Resistance of the winding over that of the rig file, 1 where the first start of a log does not tell.
-
-    A winding that is warm is no fault, and no constant of the rig either: it has its own value every day. It is told where
-    nominal with another resistance explains the start, and better than any fault with that of the file.
-    """
-    cut = first_start(log)
-    if cut is None or rig.model["Rm"] == 0.0 or not np.isfinite(cut.z[:, :2]).any(axis=0).all():
-        return 1.0
-    told = partial(_start_told, cut, rig, settings)
-    nats, misfit = told(1.0)
-    if misfit < LOOKED_AT:
-        return 1.0
-    best = max((1.0, *WINDINGS), key=lambda share: told(share)[0])
-    best = max((best, *(best + more for more in FINER)), key=lambda share: told(share)[0])
-    gained, left = told(best)
-    of_a_fault = Bank(rig, settings).advance(cut).density[BEGIN:, 1:].sum(axis=0).max()
-    return best if gained > max(nats + NOTICED_NATS, of_a_fault) and left < FITS else 1.0
-
-
-def _start_told(cut: Log, rig: Rig, settings: BankSettings, share: float) -> tuple[float, float]:
-    """Nats of nominal with so much of the winding's resistance, and its NIS in motion over its expectation."""
-    warm = with_values(rig, {"Rm": share * rig.model["Rm"]})
-    e = Bank(warm, settings, hypotheses=bank(warm, settings)[:1]).advance(cut)
-    read = np.isfinite(cut.z).sum(axis=1)
-    moving = e.active & (read > 0)
-    return float(e.density[BEGIN:, 0].sum()), float(np.mean(e.nis[moving, 0] / read[moving]))
 
 
 def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:

@@ -45,6 +45,7 @@ from observer_fi.verdict.isolate import (
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.moves.unloaded import without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
+from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, untested
@@ -177,6 +178,7 @@ class Diagnosis:
         )
         self.memory, self.filters = self.keeper, Filters(rig, settings.bank)
         self.last_word = LastWord(rig, self.filters, settings.decision)
+        self.with_room = WithRoom(rig, settings)
         self.baseline = Baseline(rig, settings)
 
     def add_all(self, logs: Iterable[Log]) -> None:
@@ -250,6 +252,7 @@ class Diagnosis:
             asked = self.last_word.needed(event)
             told = self.last_word.on(event, self.memory) if asked else event
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
+            told = self.with_room.on(told, self.memory, self.last_word.nats.get(event.start_s))
             if asked or told is not event:
                 self.told[event.start_s] = told
 

@@ -125,8 +125,8 @@ class EventTracker:
             self._add_motion(e, window)
             return
         if e.active.any():
-            self._add_motion(_rows(e, e.active), window)
-        self._add_stop(_rows(e, ~e.active), window)
+            self._add_motion(rows_of(e, e.active), window)
+        self._add_stop(rows_of(e, ~e.active), window)
         self._add_rest(e.nis[~e.active])
 
     def _add_motion(self, e: Estimate, window: int) -> None:
@@ -377,7 +377,15 @@ class EventTracker:
         return min((s for s in doubts if s is not None), default=None)
 
 
-def _rows(e: Estimate, rows: slice | Mask) -> Estimate:
+def log_likelihood(e: Estimate) -> float:
+    """Of the readings in motion under a whole bank [nats]: each sample's densities by the probabilities before it."""
+    before = np.log(np.maximum(e.probability[:-1], TINY))
+    nats = np.logaddexp.reduce(before + e.density[1:], axis=1)
+    return float(nats[e.active[1:]].sum())
+
+
+def rows_of(e: Estimate, rows: slice | Mask) -> Estimate:
+    """Some samples of an estimate."""
     return Estimate(
         e.t[rows], e.modes, e.probability[rows], e.nis[rows], e.predicted[rows], e.normalised[rows], e.states[rows],
         e.active[rows], e.density[rows] if e.density.size else e.density, e.strain[rows] if e.strain.size else e.strain,
@@ -415,7 +423,7 @@ class Isolator:
                 drift = None if self.fit is None else Drift()
                 self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels, drift)
             if self.current is not None and b > a:
-                self.current.add(_rows(e, slice(a, b)), self.window)
+                self.current.add(rows_of(e, slice(a, b)), self.window)
                 yield self.current
 
     def _new_moves(self, e: Estimate) -> list[int]:

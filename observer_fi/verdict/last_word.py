@@ -47,6 +47,9 @@ class LastWord:
         self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
+        self.nats: dict[
+            float, float
+        ] = {}  # of the samples in motion under the best story of a move, by its start
 
     def needed(self, event: Event) -> bool:
         """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size.
@@ -291,6 +294,8 @@ class LastWord:
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
         value *= whole.direction(path.begin) if own.of_friction else 1.0
+        if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
+            value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
 
     def _clean(self, path: Path, whole: WholeMove, start_s: float) -> bool:
@@ -309,6 +314,7 @@ class LastWord:
         best, t = stories[0], whole.window.t
         path, label = best.path, label_of(best.mode)
         posterior = posterior_of(event, stories)
+        self.nats[event.start_s] = best.gain + float(np.diff(whole.until)[whole.window.active].sum())
         tells = [own for own in FAULTS[label].sizes if own.tells and own.name in path.hypothesis.states]
         told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,

@@ -179,6 +179,11 @@ class WholeMove:
     def _back(self, h: Hypothesis, before: HypothesisState) -> Entry:
         return Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
 
+    def friction(self, k: int) -> float:
+        """Nominal's friction before sample k, over that of the rig file."""
+        states = self.nominal.states
+        return float(self._nominal_at(k).x[states.index("A")]) if "A" in states else 1.0
+
     def direction(self, k: int) -> float:
         """Sign of the commanded speed at sample k; in a stop and the rest after it of the speed before."""
         commanded = np.flatnonzero(self.window.w_cmd[: min(k + 1, self.moving)])

@@ -1,0 +1,118 @@
+"""What differs from day to day without being a fault, as the first start of a log tells it: winding, gains of the servo.
+
+They are no constants of the rig: a winding warms, and a servo's amplifier with it. Each is told where the motion with another
+value explains the start, and better than any fault with that of the rig file.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import Bank
+from observer_fi.physics import Rig, with_values
+from observer_fi.records import Estimate, Log
+from observer_fi.settings import BankSettings
+from observer_fi.verdict.lateness import first_start
+
+# Of the resistance of the rig file: copper has 0.39 % more a kelvin, and a winding that is cold or has run is 15 K cooler to 45 K
+# warmer. What lies beyond is a fault.
+WINDINGS = (0.94, 1.06, 1.12, 1.18)
+GAINS = (0.8, 0.9, 1.1, 1.2)  # of a servo, over those of the rig file
+FINER = (0.03, 0.015, 0.007, 0.0035)
+LOOKED_AT = 1.05  # times the expected NIS: a start that is explained better tells of no other day
+NOTICED_NATS, FITS = 40.0, 1.3  # that another day must gain at a start, and how well it then fits
+BEGIN = 8  # samples until a filter has found its state
+LEAST = 1e-300  # probability
+
+
+class Day(NamedTuple):
+    """winding, gains: resistance and the servo's gains over those of the rig file; offset: of the voltage at rest [V]."""
+
+    winding: float = 1.0
+    gains: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def usual(self) -> bool:
+        """Whether the rig file's constants hold."""
+        return self.winding == self.gains == 1.0
+
+    def of(self, rig: Rig) -> Rig:
+        """The rig as it is that day."""
+        shares = {"Rm": self.winding, "Kp": self.gains, "Ki": self.gains}
+        return with_values(rig, {n: s * rig.model[n] for n, s in shares.items() if s != 1.0})
+
+
+class Told(NamedTuple):
+    """Nats of a start on a day, and its NIS in motion over its expectation."""
+
+    nats: float
+    misfit: float
+
+
+class FirstStart:
+    """The first start of a log as filters may take it, but for the offset of its voltage: that is `offset_of` a rig, as what a
+    current at rest makes of it depends on the winding.
+    """
+
+    def __init__(self, log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Rig], float]) -> None:
+        self.rig, self.offset_of, self.full = rig, offset_of, settings
+        self.settings = replace(settings, unknown=False, sensors=False)
+        cut = first_start(log) if rig.driven.motor else None
+        tells = cut is not None and rig.model["Rm"] > 0.0 and np.isfinite(log.z[:, :2]).any(axis=0).all()
+        self.cut = cut if tells else None
+        self.known: dict[Day, Told] = {}
+
+    def day(self) -> Day:
+        """The day that explains the start, that of the rig file where the start does not tell."""
+        usual = self._with(Day())
+        if self.cut is None or self.told(usual).misfit < LOOKED_AT:
+            return usual
+        best = self._coarse(self._coarse(usual, "winding", WINDINGS), "gains", GAINS)
+        for step in FINER:
+            for name in self._free():
+                near = [getattr(best, name) + more for more in (-step, step)]
+                best = self._coarse(best, name, near)
+        nats, misfit = self.told(best)
+        return best if misfit < FITS and nats > max(self._as_filed(usual), NOTICED_NATS) else usual
+
+    def told(self, day: Day) -> Told:
+        """How well the motion on a day explains the start, healthy or with a fault of the rig file."""
+        if day not in self.known:
+            self.known[day] = self._told(day, self.settings)
+        return self.known[day]
+
+    def _free(self) -> tuple[str, ...]:
+        return ("winding", "gains") if self.rig.watched.servo else ("winding",)
+
+    def _coarse(self, day: Day, name: str, values: list[float] | tuple[float, ...]) -> Day:
+        """The best of some values of one part of the day."""
+        if name not in self._free():
+            return day
+        tried = [self._with(day._replace(**{name: value})) for value in values]
+        return max((day, *tried), key=lambda one: self.told(one).nats)
+
+    def _with(self, day: Day) -> Day:
+        """The day with the offset that its winding leaves at rest."""
+        return day._replace(offset=self.offset_of(day.of(self.rig)))
+
+    def _as_filed(self, usual: Day) -> float:
+        """Nats of the constants of the file with any fault, and of none with what another day must gain."""
+        return max(self.told(usual).nats + NOTICED_NATS, self._told(usual, self.full).nats)
+
+    def _told(self, day: Day, settings: BankSettings) -> Told:
+        assert self.cut is not None
+        cut = replace(self.cut, z=self.cut.z - np.array([day.offset, 0.0, 0.0]))
+        e = Bank(day.of(self.rig), settings).advance(cut)
+        read = np.isfinite(cut.z).sum(axis=1)
+        moving = e.active & (read > 0)
+        nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
+        return Told(_nats(e), float(np.mean(nis[moving] / read[moving])))
+
+
+def _nats(e: Estimate) -> float:
+    """Log-likelihood of the readings under the whole bank: each sample's densities by the probabilities before it."""
+    before = np.log(np.maximum(e.probability[BEGIN - 1 : -1], LEAST))
+    return float(np.logaddexp.reduce(before + e.density[BEGIN:], axis=1).sum())

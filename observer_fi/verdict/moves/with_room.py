@@ -1,0 +1,102 @@
+"""A faulty move judged again with room for what a day brings: a torque of a few percent that swells, ripples or is told late.
+
+Unlearned, how large the error of an equation is has two values: that of the paper's rig and that of a usual day. A move that
+the second one explains as well as any fault with the first one is judged by it; what its room is too small for is a fault.
+"""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import ROOMS, Bank, HypothesisState, LogSamples, with_room
+from observer_fi.physics import NOMINAL, UNKNOWN, Rig
+from observer_fi.records import Estimate, Event
+from observer_fi.settings import Settings
+from observer_fi.verdict.drift import Drift
+from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
+from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove, window_of
+from observer_fi.verdict.onset import Filters
+
+AT_WILL = ("jam", UNKNOWN)  # faults that follow any torque, and so also one of every day
+# Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
+COMES_AND_GOES = 0.25
+EVERYDAY = 0.08  # of the friction: a jam that is smaller, and no better explained than a usual day, is one
+# Probability from which another label is as good: what wanders is like the slow rise by which an obstacle differs from a slip.
+ALIKE = 1e-4
+
+
+class Banks(NamedTuple):
+    """A bank with room, and the last word by its filters."""
+
+    bank: Bank
+    word: LastWord
+
+
+class WithRoom:
+    """Judges moves of a rig of which no healthy log has shown the errors of its equations; banks are made once a log."""
+
+    def __init__(self, rig: Rig, settings: Settings) -> None:
+        self.rig, self.settings = rig, settings
+        self.usual: Bank | None = None
+        self.rooms: list[Banks] = []
+
+    def on(self, event: Event, bank: Bank, nats: float | None) -> Event:
+        """The event as it is with room, where that explains the move. bank: with its samples at hand; nats: of the best story."""
+        if self.rig.errors or event.label == NOMINAL or NOMINAL in event.alike or shown_by_rest(event):
+            return event
+        found = window_of(event, bank)
+        if found is None:
+            return event
+        usual = self._made()
+        known = max(log_likelihood(usual.again(*found)), -math.inf if nats is None else nats)
+        tried = [(room, room.bank.again(*found)) for room in self.rooms]
+        best, estimate = max(tried, key=lambda one: log_likelihood(one[1]))
+        margin = self.settings.decision.move_nats * (-1.0 if event.label in AT_WILL else 1.0)
+        if log_likelihood(estimate) < known + margin:
+            return event
+        best.bank.recent = bank.recent
+        told = self._judged(event, estimate, best)
+        if told.label == "jam" and _small(told) and _small(event):
+            return healthy(event)
+        same = (told.label, told.channel) == (event.label, event.channel)
+        if same or (told.label == NOMINAL and self._goes_on(event, *found, best.word)):
+            return event
+        return told
+
+    def _made(self) -> Bank:
+        """The usual bank; those with room are made with it."""
+        if self.usual is None:
+            self.usual = Bank(self.rig, self.settings.bank)
+            decision = replace(self.settings.decision, alike=ALIKE)
+            for settings in (with_room(self.settings.bank, room) for room in ROOMS):
+                word = LastWord(self.rig, Filters(self.rig, settings), decision)
+                self.rooms.append(Banks(Bank(self.rig, settings), word))
+        return self.usual
+
+    def _judged(self, event: Event, estimate: Estimate, room: Banks) -> Event:
+        """The verdict of the bank with room, and the last word on it."""
+        e = tested(estimate, self.settings.decision)
+        tracker = EventTracker(e.modes, event.start_s, self.settings.decision, drift=Drift())
+        step = float(np.median(np.diff(e.t)))
+        tracker.add(rows_of(e, e.t >= event.start_s), max(2, round(self.settings.decision.window_s / step)))
+        told = tracker.verdict()._replace(end_s=event.end_s)
+        doubts = (told.doubted_s, event.doubted_s, event.detected_s, event.onset_s)
+        told = told._replace(doubted_s=min((s for s in doubts if s is not None), default=None))
+        return room.word.on(told, room.bank)
+
+    def _goes_on(self, event: Event, window: LogSamples, memory: HypothesisState, word: LastWord) -> bool:
+        """Whether the friction of nominal goes farther within the move than it comes and goes."""
+        whole = WholeMove(word.hypotheses[:1], window, memory, word.filters)
+        if "A" not in whole.nominal.states:
+            return False
+        k, settled = whole.nominal.states.index("A"), event.start_s + SETTLED_S
+        friction = [float(m.x[k]) for m in whole.memories if m.t[0] > settled]
+        return bool(friction) and float(np.ptp(friction)) > COMES_AND_GOES
+
+
+def _small(event: Event) -> bool:
+    """Whether a friction has risen, or fallen, by no more than it does on a usual day."""
+    return all(abs(s.value) < EVERYDAY for s in event.severity if s.name == "friction_rise")

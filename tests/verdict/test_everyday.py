@@ -1,0 +1,63 @@
+"""What varies from day to day is health: a warm winding, other gains, torques of a few percent that come and go."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden import SURROUNDINGS, draw_move_case, draw_rig, log_in
+
+from observer_fi.logs.ingest import log_from_frame
+from observer_fi.physics.rigs import load_rig
+from observer_fi.records import Event, Log
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.as_logged import AsLogged
+
+RIG = load_rig()
+COMES_AND_GOES = (
+    "torque swells, 3 % at 1.1 Hz",
+    "ripple of the screw, 3 %",
+    "ripple of the shaft, 3 %",
+    "inclinometer 0.3 s late",
+)
+
+
+def logged(kind: str, label: str, seed: int) -> Log:
+    rig = draw_rig(np.random.default_rng([seed, 18]))
+    return log_from_frame(log_in(SURROUNDINGS[kind], replace(draw_move_case(seed, label), rig=rig), seed)[0])
+
+
+def said(kind: str, label: str, seed: int) -> Event:
+    found = diagnose_log(logged(kind, label, seed), RIG, Settings()).isolation
+    assert found is not None
+    return found.verdict
+
+
+@pytest.mark.parametrize(
+    ("kind", "winding", "gains"), [("winding 30 K warmer", 1.117, 1.0), ("gains 20 % higher", 1.0, 1.2)]
+)
+@pytest.mark.parametrize("seed", [64101, 64102, 64103])
+def test_the_first_start_tells_the_winding_and_the_gains(
+    kind: str, winding: float, gains: float, seed: int
+) -> None:
+    day = AsLogged(logged(kind, "nominal", seed), RIG, BankSettings()).day
+    assert day.winding == pytest.approx(winding, abs=0.01) and day.gains == pytest.approx(gains, abs=0.03)
+
+
+def test_a_usual_day_is_that_of_the_rig_file() -> None:
+    assert AsLogged(logged("usual", "nominal", 64104), RIG, BankSettings()).day.usual
+
+
+def test_a_torque_that_swells_is_health() -> None:
+    assert said(COMES_AND_GOES[0], "nominal", 64105).label == "nominal"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*COMES_AND_GOES, "winding 30 K warmer", "warm winding, swell"])
+def test_health_and_faults_stay_apart_in_everyday_surroundings(kind: str) -> None:
+    """No false alarm on four healthy moves; of two faults at least one by its name, and neither taken for health."""
+    healthy = [said(kind, "nominal", seed).label for seed in range(64110, 64114)]
+    assert healthy == ["nominal"] * 4
+    faulty = {label: said(kind, label, 64120) for label in ("overload", "coupling_loss")}
+    assert sum(label in (e.label, *e.alike) for label, e in faulty.items()) >= 1
+    assert "nominal" not in {e.label for e in faulty.values()}
