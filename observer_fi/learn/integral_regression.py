@@ -33,6 +33,7 @@ MAKER = {
 PITCH_SPAN = 2.0  # deg
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
+_OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
 _MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -42,6 +43,11 @@ _NEEDED = {
     "Rm": "current and speed change together; record starts and steady moves",
     "Km": "current and speed change together; record starts and steady moves",
     "torque_offset": "all moves go in one direction; record moves in both",
+}
+# The same where no voltage is logged: the current alone tells every torque in units of the maker's Km.
+_WITHOUT_VOLTAGE = {
+    "Rm": "no voltage is logged; log it",
+    "Km": "no voltage is logged, and torques are as good as the maker's value; log the voltage",
 }
 # What no healthy move tells, and no fit of this kind looks for: the rig file keeps what it had.
 _OF_FAULTS = dict.fromkeys(
@@ -83,11 +89,8 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
     parameters, covariance = _reported(names, values, covariance, rig)
-    missing = {
-        name: text
-        for name, text in (_NEEDED | _OF_FAULTS).items()
-        if not any(p.name == name for p in parameters)
-    }
+    needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
+    missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
     noise = (
         float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
         if with_voltage
@@ -180,14 +183,18 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[fl
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
     Km = 1.0 / float(s.x[0])
-    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, (rig.spread("D") or MAKER["D"]) * Km))
-    maker = (rig.spread("Km") or MAKER["Km"]) * model["Km"]
+    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, _of_maker(rig, "D") * Km))
+    maker = _of_maker(rig, "Km") * model["Km"]
     weight = maker**2 / (std**2 + maker**2)
     return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
 
 
 def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
-    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's."""
+    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's.
+
+    All values are in proportion to that Km, and what multiplies a speed or an acceleration to D as well: what the maker's values
+    are good for is part of the covariance.
+    """
     model = rig.model
     names = _unknowns(windows)
     rows, y = [], []
@@ -201,7 +208,16 @@ def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...]
     values = np.concatenate(([1.0], s.x[1:])) / s.x[0]
     slope = np.eye(s.x.size) / s.x[0]
     slope[:, 0] = -values / s.x[0]
-    return names, values, slope @ s.covariance @ slope.T, s
+    moved = values * np.isin(names, _OF_MOTION)
+    maker = _of_maker(rig, "Km") ** 2 * np.outer(values, values) + _of_maker(rig, "D") ** 2 * np.outer(
+        moved, moved
+    )
+    return names, values, slope @ s.covariance @ slope.T + maker, s
+
+
+def _of_maker(rig: Rig, name: str) -> float:
+    """Relative standard deviation of a value of the maker's."""
+    return rig.spread(name) or MAKER[name]
 
 
 def _loads(w: Window, names: Sequence[str]) -> list[Array]:

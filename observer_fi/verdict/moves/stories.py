@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.physics import NOMINAL, UNKNOWN, OwnState, channel_of, label_of
+from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, OwnState, channel_of, label_of
 from observer_fi.records import CHANNELS, Event
 from observer_fi.verdict.moves.whole_move import Path, WholeMove
 
 # By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
 # fault grows is no part of its model.
 RARE_NATS, AT_WILL = math.log(10.0), 2e-3
+NUT_OR_SENSOR = [{"slip", label} for label, row in FAULTS.items() if row.by_channel]
 SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 
 
@@ -58,12 +59,20 @@ def worth(story: Story) -> float:
 
 
 def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
-    """Probability of each label: its best story against nominal and the others'."""
+    """Probability of each label: its best story against nominal and the others'.
+
+    How a sensor fails is no part of its model: between one and a slip, which at one speed look alike, less than that share of
+    what is gained says nothing.
+    """
     nats = {NOMINAL: 0.0}
     for story in stories:
         label = label_of(story.mode)
         nats[label] = max(nats.get(label, -math.inf), worth(story))
     top = max(nats.values())
+    best = next(label for label, value in nats.items() if value == top)
+    for label, value in tuple(nats.items()):
+        if {label, best} in NUT_OR_SENSOR and top - value < AT_WILL * top:
+            nats[label] = top
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())
     return {label: weight / total for label, weight in weights.items()}
