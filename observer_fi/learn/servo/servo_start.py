@@ -103,8 +103,8 @@ def _errors(part: "_Move", Kx: float | None) -> tuple[Array, Array]:
         return G, G
     goal = Kx * part.command
     integral = motor_angle(part.t, goal) - part.angle
-    speeds = part.w, np.gradient(part.angle, part.t)
-    return tuple(np.column_stack([goal - w, integral]) for w in speeds)
+    encoder = np.gradient(part.angle, part.t)
+    return np.column_stack([goal - part.w, integral]), np.column_stack([goal - encoder, integral])
 
 
 def _position_gain(logs: Sequence[Log], rig: Rig) -> float | None:

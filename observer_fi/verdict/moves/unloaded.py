@@ -10,14 +10,17 @@ from observer_fi.physics import Rig
 from observer_fi.records import Array, Event
 
 # By the label and channel of a verdict: what has the same position and nearly the same current. A position that stands, or a
-# mass that does, whatever the motor turns (an obstacle that takes all the travel); a current that is more, or reads more.
+# mass that does, whatever the motor turns (an obstacle that takes all the travel); a current that is more, or reads more: the one
+# current that is measured misreads at will as a load does.
 SAME_WITHOUT_VOLTAGE: dict[tuple[str, str | None], tuple[tuple[str, str | None], ...]] = {
     ("sensor_fault", "position"): (("coupling_loss", None),),
     ("coupling_loss", None): (("sensor_fault", "position"),),
     ("overload", None): (("coupling_loss", None), ("sensor_fault", "position")),
     ("slip", None): (("coupling_loss", None), ("sensor_fault", "position")),
     ("jam", None): (("sensor_fault", "current"),),
+    ("unknown", None): (("sensor_fault", "current"),),
 }
+OF_CURRENT = ("jam", "unknown")
 _WHY = {
     "coupling_loss": "the current changed as the position stopped: the load is gone, and not the sensor alone",
     "sensor_fault": "the current stayed as it was when the position stopped: the motor still moves its load",
@@ -29,6 +32,7 @@ DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
 # Of the current before: a mass that is let go leaves more, so that less is a motor that is being stopped, which began so long
 # before it shows.
 BRAKES, BRAKED_S = 0.3, 0.03
+CHANGED = 3.0  # standard deviations
 STANDS = 0.03  # of the speed before: a mass that is slower stands
 RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
 
@@ -52,9 +56,11 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     others = SAME_WITHOUT_VOLTAGE.get(key, ())
     if not others:
         return event
-    if event.label == "jam":
-        return event if others[0][0] in event.alike else _shared(event, {key: 0.0, others[0]: 0.0}, alike)
+    if event.label in OF_CURRENT:
+        return _or_misread(event, alike)
     seen = _around(event, bank)
+    if event.label == "slip" and not seen.stands and _changed(seen):
+        return _or_misread(event, alike)
     takes_all = event.label in ("overload", "slip")
     if (takes_all and not seen.stands) or (key == ("sensor_fault", "position") and seen.stands is False):
         return event
@@ -62,6 +68,18 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
         return event
     nats = {other: _density(other[0], seen, rig) for other in (key, *others)}
     return _shared(event, nats, alike)
+
+
+def _or_misread(event: Event, alike: float) -> Event:
+    """The event or, as likely, a current sensor that misreads."""
+    if "sensor_fault" in event.alike:
+        return event
+    return _shared(event, {(event.label, None): 0.0, ("sensor_fault", "current"): 0.0}, alike)
+
+
+def _changed(seen: _Around) -> bool:
+    """Whether the steady current is another one: a nut that slips leaves it."""
+    return seen.change is not None and abs(seen.change) > CHANGED * math.hypot(USUAL, seen.noise)
 
 
 def _density(label: str, seen: _Around, rig: Rig) -> float:
