@@ -88,7 +88,8 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    parameters, covariance = _reported(names, values, covariance, rig)
+    left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
+    parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
     noise = (
@@ -192,8 +193,8 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[fl
 def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
     """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's.
 
-    All values are in proportion to that Km, and what multiplies a speed or an acceleration to D as well: what the maker's values
-    are good for is part of the covariance.
+    All values are in proportion to that Km, and what multiplies a speed or an acceleration to D as well (`_left_open`). The
+    covariance is for these two as they are: whoever takes the values takes them, too.
     """
     model = rig.model
     names = _unknowns(windows)
@@ -208,11 +209,13 @@ def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...]
     values = np.concatenate(([1.0], s.x[1:])) / s.x[0]
     slope = np.eye(s.x.size) / s.x[0]
     slope[:, 0] = -values / s.x[0]
-    moved = values * np.isin(names, _OF_MOTION)
-    maker = _of_maker(rig, "Km") ** 2 * np.outer(values, values) + _of_maker(rig, "D") ** 2 * np.outer(
-        moved, moved
-    )
-    return names, values, slope @ s.covariance @ slope.T + maker, s
+    return names, values, slope @ s.covariance @ slope.T, s
+
+
+def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
+    """Standard deviations that the maker's Km and D leave of values from current and position."""
+    moved = _of_maker(rig, "D") * np.isin(names, _OF_MOTION)
+    return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
 
 
 def _of_maker(rig: Rig, name: str) -> float:
@@ -273,16 +276,20 @@ def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
 
 
 def _reported(
-    names: Sequence[str], values: Array, covariance: Array, rig: Rig
+    names: Sequence[str], values: Array, covariance: Array, rig: Rig, left_open: Array
 ) -> tuple[tuple[Parameter, ...], Array]:
-    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
+    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too.
+
+    left_open: standard deviations that intervals hold besides.
+    """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = Z95 * np.hypot(std, left_open)
     small = ("torque_offset", "viscous_positive")
     sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
     found = tuple(
         Parameter(
             names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
-            float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
+            float(values[k] - half[k]), float(values[k] + half[k]),
         )
         for k in sure
     )  # fmt: skip

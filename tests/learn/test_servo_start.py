@@ -42,9 +42,10 @@ def test_torques_of_a_log_without_a_voltage_are_as_good_as_the_makers_constant(s
     found = {p.name: p for p in fit.parameters}
     for name in ("J", "A"):
         assert found[name].low < getattr(actuator.rig, name) < found[name].high, name
-        assert 0.04 < found[name].std / found[name].value < 0.2
+        half = found[name].high - found[name].value
+        assert 0.08 < half / found[name].value < 0.4
+        assert found[name].std < 0.5 * half  # of the rig file, which has that constant as well
     assert "no voltage" in fit.not_identifiable["Km"]
-    assert fit.correlation[0, 1] > 0.9  # both hang on one constant
 
 
 @pytest.mark.slow
