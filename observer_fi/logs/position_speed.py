@@ -10,8 +10,9 @@ from observer_fi.records import Array
 
 SURE = 0.02  # of the top speed: what noise may make of the slope
 LONGEST_S = 0.1  # of a stretch: a longer one would smooth moves away
-# Where even that leaves moves in the noise, it is as long as they need to be seen, that share of the top speed, and at most so.
-SEEN, FARTHEST_S = 0.04, 0.5
+# Where the noise then is more than that share of the top speed, which hides moves, a stretch is as long as brings it down to the
+# second one, and at most so.
+HIDDEN, SEEN, FARTHEST_S = 0.12, 0.04, 0.5
 FEWEST = 5  # samples of a stretch
 
 
@@ -29,8 +30,10 @@ def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
     step, x = float(np.median(np.diff(t))), filled(x)
     whole = (t.size - 1) | 1 if t.size % 2 == 0 else t.size
     noise, size = _reading_std(x), FEWEST
-    for share, longest in ((SURE, LONGEST_S), (SEEN, FARTHEST_S)):
+    for worse, share, longest in ((SURE, SURE, LONGEST_S), (HIDDEN, SEEN, FARTHEST_S)):
         top = _top(x, step, longest)
+        if _slope_std(noise, size, step) <= worse * top:
+            break
         most = max(FEWEST, min(round(longest / step) | 1, whole))
         while size < most and _slope_std(noise, size, step) > share * top:
             size += 2
