@@ -29,7 +29,7 @@ from observer_fi.learn.joint_likelihood import (
     residuals_of,
 )
 from observer_fi.learn.move_data import share_of
-from observer_fi.learn.servo.servo_start import needs_start, with_start
+from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
 from observer_fi.physics import (
     PARAMETERS,
@@ -57,7 +57,7 @@ _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 # What the command shows and no likelihood asks, with its relative standard error.
-FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 1e-3}
+FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 2e-5}
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {
@@ -177,7 +177,7 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 
 
 def _material(log: Log, rig: Rig) -> Material:
-    log = with_command(log, rig)
+    log = with_crawl(with_command(log, rig), rig)
     moves = moves_from_rest(log)
     return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
 

@@ -33,6 +33,7 @@ MAKER = {
 PITCH_SPAN = 2.0  # deg
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
+_OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
 _MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -42,6 +43,11 @@ _NEEDED = {
     "Rm": "current and speed change together; record starts and steady moves",
     "Km": "current and speed change together; record starts and steady moves",
     "torque_offset": "all moves go in one direction; record moves in both",
+}
+# The same where no voltage is logged: the current alone tells every torque in units of the maker's Km.
+_WITHOUT_VOLTAGE = {
+    "Rm": "no voltage is logged; log it",
+    "Km": "no voltage is logged, and torques are as good as the maker's value; log the voltage",
 }
 # What no healthy move tells, and no fit of this kind looks for: the rig file keeps what it had.
 _OF_FAULTS = dict.fromkeys(
@@ -82,12 +88,10 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    parameters, covariance = _reported(names, values, covariance, rig)
-    missing = {
-        name: text
-        for name, text in (_NEEDED | _OF_FAULTS).items()
-        if not any(p.name == name for p in parameters)
-    }
+    left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
+    parameters, covariance = _reported(names, values, covariance, rig, left_open)
+    needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
+    missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
     noise = (
         float(np.hypot(rig.noise["voltage"], model["Rm"] * rig.noise["current"]))
         if with_voltage
@@ -180,14 +184,18 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[fl
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
     Km = 1.0 / float(s.x[0])
-    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, (rig.spread("D") or MAKER["D"]) * Km))
-    maker = (rig.spread("Km") or MAKER["Km"]) * model["Km"]
+    std = float(np.hypot(np.sqrt(s.covariance[0, 0]) * Km**2, _of_maker(rig, "D") * Km))
+    maker = _of_maker(rig, "Km") * model["Km"]
     weight = maker**2 / (std**2 + maker**2)
     return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
 
 
 def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
-    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's."""
+    """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's.
+
+    All values are in proportion to that Km, and what multiplies a speed or an acceleration to D as well (`_left_open`). The
+    covariance is for these two as they are: whoever takes the values takes them, too.
+    """
     model = rig.model
     names = _unknowns(windows)
     rows, y = [], []
@@ -202,6 +210,17 @@ def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...]
     slope = np.eye(s.x.size) / s.x[0]
     slope[:, 0] = -values / s.x[0]
     return names, values, slope @ s.covariance @ slope.T, s
+
+
+def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
+    """Standard deviations that the maker's Km and D leave of values from current and position."""
+    moved = _of_maker(rig, "D") * np.isin(names, _OF_MOTION)
+    return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
+
+
+def _of_maker(rig: Rig, name: str) -> float:
+    """Relative standard deviation of a value of the maker's."""
+    return rig.spread(name) or MAKER[name]
 
 
 def _loads(w: Window, names: Sequence[str]) -> list[Array]:
@@ -257,16 +276,20 @@ def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
 
 
 def _reported(
-    names: Sequence[str], values: Array, covariance: Array, rig: Rig
+    names: Sequence[str], values: Array, covariance: Array, rig: Rig, left_open: Array
 ) -> tuple[tuple[Parameter, ...], Array]:
-    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too."""
+    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too.
+
+    left_open: standard deviations that intervals hold besides.
+    """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = Z95 * np.hypot(std, left_open)
     small = ("torque_offset", "viscous_positive")
     sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
     found = tuple(
         Parameter(
             names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
-            float(values[k] - Z95 * std[k]), float(values[k] + Z95 * std[k]),
+            float(values[k] - half[k]), float(values[k] + half[k]),
         )
         for k in sure
     )  # fmt: skip

@@ -36,6 +36,8 @@ DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: wha
 SHORT = 5  # samples: a current that is less for a shorter time is noise
 # Of the speed that a mass lost: where the current can have taken less than this of it, the motor did not stop with the mass.
 EXPLAINED = 0.4
+# Times the current of the motion, more than friction takes, and by when after the stand it is that much.
+STALLED, SOON_S = 1.5, 0.1
 AFTER_S = 0.2  # of the stand of a mass that the motor has left: what the current is then
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
 
@@ -84,8 +86,28 @@ def recover_command(log: Log, model: Model) -> Log:
         )
     levels = _with_rests(levels, command, known, log, model)
     w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
+    if not has_loop:
+        w_cmd = _on_while_stalled(log, w_cmd)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
     return _recovered(log, w_cmd, "voltage and current", moves)
+
+
+def _on_while_stalled(log: Log, w_cmd: Array) -> Array:
+    """`w_cmd`, which goes on where a motor stands that is driven harder than it was in motion: that is a stall, and no rest."""
+    i, w_cmd = np.nan_to_num(filled(log.z[:, 1])), w_cmd.copy()
+    before = 0
+    for a, b in constant_runs((w_cmd != 0.0).astype(np.int8)):
+        if w_cmd[a] != 0.0:
+            before = a
+        elif a > 0:
+            way = float(np.sign(w_cmd[a - 1]))
+            usual = float(np.median(way * i[(before + a) // 2 : a]))
+            harder = way * i[a:b] > STALLED * max(usual, 0.0)
+            first = int(np.argmax(harder))
+            if harder[first] and first <= SOON_S * log.rate_hz:
+                over = np.flatnonzero(~harder[first:])
+                w_cmd[a : a + first + over[0] if over.size else b] = w_cmd[a - 1]
+    return w_cmd
 
 
 def _recovered(log: Log, w_cmd: Array, source: str, moves: int) -> Log:
@@ -108,12 +130,14 @@ def _with_speed(log: Log, w: Array, noise: float, model: Model) -> Log:
     """
     turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
     w_cmd = np.where(turns, w, 0.0)
-    stood = 0
+    stood = began = 0
     for a, b in constant_runs(turns.astype(np.int8)):
+        if turns[a]:
+            began = a
         if a > 0 and turns[a]:
             w_cmd[_begun(log, stood, a) : a] = w_cmd[a]
         elif a > 0:
-            last = float(np.median(w_cmd[max(0, 2 * a - b) : a]))
+            last = float(np.median(w_cmd[max(began, 2 * a - b) : a]))
             left = _left_behind(log, w, a, b, model)
             stood = _driven_until(log, turns, a, b, last, left)
             w_cmd[a:stood] = last

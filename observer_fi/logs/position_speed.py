@@ -10,6 +10,9 @@ from observer_fi.records import Array
 
 SURE = 0.02  # of the top speed: what noise may make of the slope
 LONGEST_S = 0.1  # of a stretch: a longer one would smooth moves away
+# Where the noise then is more than that share of the top speed, which hides moves, a stretch is as long as brings it down to the
+# second one, and at most so.
+HIDDEN, SEEN, FARTHEST_S = 0.12, 0.04, 0.5
 FEWEST = 5  # samples of a stretch
 
 
@@ -25,12 +28,16 @@ def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
     from scipy.signal import savgol_filter
 
     step, x = float(np.median(np.diff(t))), filled(x)
-    most = max(FEWEST, min(round(LONGEST_S / step) | 1, (t.size - 1) | 1 if t.size % 2 == 0 else t.size))
-    noise, top = _reading_std(x), _top(x, step)
-    size = FEWEST
-    while size < most and _slope_std(noise, size, step) > SURE * top:
-        size += 2
-    size = min(size, most)
+    whole = (t.size - 1) | 1 if t.size % 2 == 0 else t.size
+    noise, size = _reading_std(x), FEWEST
+    for worse, share, longest in ((SURE, SURE, LONGEST_S), (HIDDEN, SEEN, FARTHEST_S)):
+        top = _top(x, step, longest)
+        if _slope_std(noise, size, step) <= worse * top:
+            break
+        most = max(FEWEST, min(round(longest / step) | 1, whole))
+        while size < most and _slope_std(noise, size, step) > share * top:
+            size += 2
+        size = min(size, most)
     slope = savgol_filter(x, size, 1, deriv=1, delta=step)
     return PositionSpeed(slope / D, _slope_std(noise, size, step) / D)
 
@@ -59,7 +66,7 @@ def _slope_std(noise: float, size: int, step: float) -> float:
     return noise * math.sqrt(12.0 / (size * (size**2 - 1.0))) / step
 
 
-def _top(x: Array, step: float) -> float:
-    """The speed of the mass at its fastest [m/s]."""
-    span = min(max(round(LONGEST_S / step), 1), x.size - 1)
+def _top(x: Array, step: float, longest: float) -> float:
+    """The speed of the mass at its fastest [m/s], by stretches of `longest` [s]."""
+    span = min(max(round(longest / step), 1), x.size - 1)
     return float(np.quantile(np.abs(x[span:] - x[:-span]), 0.98)) / (span * step)

@@ -42,6 +42,7 @@ from observer_fi.physics.rigs import (
     rederived,
     rig_toml,
     unknown_name,
+    whole_command,
     with_curve,
     with_values,
 )
@@ -145,5 +146,6 @@ __all__ = [
     "value_names",
     "value_of",
     "with_curve",
+    "whole_command",
     "with_values",
 ]

@@ -244,6 +244,14 @@ def commanded(log: Log, rig: Rig) -> Log:
     return replace(log, w_cmd=filled(w_cmd, log.t))
 
 
+def whole_command(log: Log, rig: Rig) -> Array:
+    """(n,) the commanded speed of a log as its servo takes it, crawl and all [rad/s]."""
+    law = rig.driven.command
+    if law is None or log.position_cmd is None or log.encoder is None:
+        return log.w_cmd
+    return filled(law.of(log.position_cmd, log.encoder, rig.model.vector), log.t)
+
+
 def with_values(
     rig: Rig, values: dict[str, float], std: dict[str, float] | None = None, method: str = "fit"
 ) -> Rig:

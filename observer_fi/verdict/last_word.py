@@ -54,6 +54,8 @@ class LastWord:
     def needed(self, event: Event) -> bool:
         """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size.
 
+        A position that lies may be a nut that slips, of which the bank knows nothing.
+
         In a log of many such moves the first ones are asked: the others cost as much again and say the same.
         """
         in_doubt = event.label in (NOMINAL, UNKNOWN)
@@ -61,7 +63,7 @@ class LastWord:
             return False
         if event.label == NOMINAL:
             return event.doubted_s is not None
-        return in_doubt or any(own.tells for own in FAULTS[event.label].sizes)
+        return in_doubt or event.channel == "position" or any(own.tells for own in FAULTS[event.label].sizes)
 
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""

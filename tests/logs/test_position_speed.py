@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from documented_rigs import lift
 from hidden import actuator_log, fault_spec, healthy_spec, true_motion
@@ -65,3 +66,43 @@ def test_a_mass_that_stops_without_its_motor_is_no_stop_however_the_current_fall
     braked[(t >= 1.98) & (t < 2.0), 1] = friction - braking
     told = recover_command(replace(log, z=braked), MODEL).w_cmd
     assert (told[t > 2.3] == 0.0).all()
+
+
+def position_only(t: np.ndarray, i: np.ndarray, x: np.ndarray, voltage: np.ndarray | None = None) -> Log:
+    """A log of columns, seconds, amperes, metres, volts."""
+    columns = {"time_s": t, "current_a": i, "position_m": x}
+    return log_from_frame(pd.DataFrame(columns if voltage is None else {**columns, "voltage_v": voltage}))
+
+
+def test_a_slow_move_in_coarse_readings_is_seen() -> None:
+    """Half a millimetre a second in steps of a tenth: no tenth of a second shows it."""
+    t = np.arange(0.0, 6.0, 1e-3)
+    x = 1.3e-4 * np.round(
+        (np.clip(t - 1.0, 0.0, 4.0) * 2e-3 + 1e-4 * np.random.default_rng(4).normal(size=t.size)) / 1.3e-4
+    )
+    w = recover_command(position_only(t, np.where((t > 1.0) & (t < 5.0), 0.2, 0.0), x), MODEL).w_cmd
+    assert (w[(t > 1.5) & (t < 4.5)] != 0.0).all() and (w[t < 0.5] == 0.0).all()
+
+
+@pytest.mark.parametrize("rest_s", [0.3, 3.0])
+def test_a_mass_that_its_motor_has_left_stands_however_long_the_log_goes_on(rest_s: float) -> None:
+    """A short move: what comes behind the stand is longer than what was before it."""
+    t = np.arange(0.0, 1.5 + rest_s, 1e-3)
+    x = np.clip(t - 0.5, 0.0, 0.4) * 0.02
+    drawn = MODEL["A"] / MODEL["Km"]
+    i = np.select([t < 0.5, t < 0.9, t < 1.4], [0.0, drawn, 0.6 * drawn], -0.1 * drawn)
+    w = recover_command(position_only(t, i + 1e-3 * drawn * np.sin(1e3 * t), x), MODEL).w_cmd
+    assert (w[(t > 0.95) & (t < 1.35)] != 0.0).all() and (w[t > 1.45] == 0.0).all()
+
+
+@pytest.mark.parametrize(("factor", "stalls"), [(3.0, True), (0.8, False)])
+def test_a_motor_that_stands_and_is_driven_harder_is_not_at_rest(factor: float, stalls: bool) -> None:
+    """With a voltage: an obstacle stops the motor itself, and its servo drives it with all that it has."""
+    t, Rm, Km = np.arange(0.0, 2.5, 2e-3), MODEL["Rm"], MODEL["Km"]
+    w = np.where((t > 0.5) & (t < 1.2), 200.0, 0.0)
+    drawn = MODEL["A"] / Km
+    i = np.select([t < 0.5, t < 1.2, t < 2.0], [0.0, drawn, factor * drawn], 0.0)
+    log = position_only(t, i, np.cumsum(w) * 2e-3 * MODEL["D"], Rm * i + Km * w)
+    w_cmd = recover_command(log, MODEL).w_cmd
+    assert (w_cmd[(t > 0.6) & (t < 1.15)] != 0.0).all()
+    assert bool((w_cmd[(t > 1.3) & (t < 1.9)] != 0.0).all()) is stalls and (w_cmd[t > 2.1] == 0.0).all()

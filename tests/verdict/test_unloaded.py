@@ -64,6 +64,45 @@ def test_other_verdicts_stay() -> None:
     assert without_voltage(overload, bank(0.7), RIG, ALIKE) is overload
 
 
+def moved(stands: bool, change: float) -> Any:
+    """A bank whose position stands from 2 s on or goes on slower, and whose current is multiplied there."""
+    memory = bank(change)
+    t = memory.recent.t
+    memory.recent.z[:, 2] = 0.01 * (np.minimum(t, 2.0) + (0.0 if stands else 0.5) * np.maximum(t - 2.0, 0.0))
+    return memory
+
+
+def test_an_obstacle_that_takes_all_the_travel_is_a_mass_that_was_let_go() -> None:
+    fallen = without_voltage(event("overload", None), moved(True, 0.5), RIG, ALIKE)
+    assert fallen.label == "coupling_loss" and fallen.probability < 0.95 and "overload" in fallen.alike
+    same = without_voltage(event("overload", None), moved(True, 1.0), RIG, ALIKE)
+    assert (same.label, same.channel) == ("sensor_fault", "position")
+    assert without_voltage(event("overload", None), moved(False, 2.0), RIG, ALIKE).label == "overload"
+
+
+def test_a_position_that_goes_on_is_no_coupling() -> None:
+    wrong = event("sensor_fault", "position")
+    assert without_voltage(wrong, moved(False, 1.0), RIG, ALIKE) is wrong
+
+
+def test_a_motor_that_is_stopped_soon_after_its_position_sensor_died_was_not_let_go() -> None:
+    memory = moved(True, 1.0)
+    memory.recent.z[memory.recent.t > 2.25, 1] = -0.02
+    told = without_voltage(event("coupling_loss", None), memory, RIG, ALIKE)
+    assert (told.label, told.channel) == ("sensor_fault", "position")
+
+
+@pytest.mark.parametrize(("label", "change"), [("unknown", 1.0), ("jam", 1.0), ("slip", 1.5)])
+def test_the_one_current_that_is_measured_may_misread(label: str, change: float) -> None:
+    told = without_voltage(event(label, None), moved(False, change), RIG, ALIKE)
+    assert told.label == label and told.alike == ("sensor_fault",) and told.probability < 0.95
+
+
+def test_a_slip_whose_current_stays_is_one() -> None:
+    slip = event("slip", None)
+    assert without_voltage(slip, moved(False, 1.0), RIG, ALIKE) is slip
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [97100, 97103, 97104])
 def test_a_drive_that_logs_no_voltage(seed: int) -> None:

@@ -5,20 +5,24 @@ is linear in the gains,
 
     i = c + Kp e + Ki int e dt,    e = w_cmd - w,
 
-with a constant a move; of a position servo, w_cmd = Kx u with u = x_cmd / D - angle, in Kp, Ki, Kp Kx and Ki Kx, and its
-encoder is the integral of w.
+with a constant a move; of a position servo, w_cmd = Kx u with u = x_cmd / D - angle, and its encoder is the integral of w. So
+
+    angle = c + Kx int u dt + Kp/Ki (Kx u - w) - i / Ki,
+
+in which the angle and the integral have next to no noise: they tell Kx, on which the scale of every speed rests.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.learn.integral_regression import identify_driven
 from observer_fi.logs import moves_from_rest, with_command
-from observer_fi.numerics import filled
-from observer_fi.physics import UNLEARNED, Rig, speed, with_values
+from observer_fi.numerics import constant_runs, filled
+from observer_fi.physics import UNLEARNED, Rig, speed, whole_command, with_values
 from observer_fi.records import Array, Log
 
 FIRST = ("J", "A", "Kp", "Ki")  # of which one that no log has shown is reason enough
@@ -53,6 +57,20 @@ def with_start(logs: Sequence[Log], rig: Rig) -> Rig:
     return with_values(plant, {**gains, **supply, **steep}, method="from the logs")
 
 
+def with_crawl(log: Log, rig: Rig) -> Log:
+    """`log` with the command that a servo nobody knows yet followed: whole while its goal moves, 0 where that stands and friction
+    may hold the motor against what is left.
+
+    Of a start, what is so slow is a tenth of what the integral has when the motor breaks away.
+    """
+    goal = log.position_cmd
+    if rig.driven.command is None or goal is None or goal.size < 2:
+        return log
+    moves = np.diff(goal) != 0.0
+    either = np.append(moves, False) | np.append(False, moves)
+    return replace(log, w_cmd=np.where(either, whole_command(log, rig), log.w_cmd))
+
+
 def acceleration_of(logs: Sequence[Log]) -> dict[str, float]:
     """Commanded acceleration [rad/s^2] as the ramps of the command show it; nothing where there are none."""
     slopes = np.concatenate([np.abs(np.diff(log.w_cmd) / np.diff(log.t)) for log in logs])
@@ -64,37 +82,84 @@ def acceleration_of(logs: Sequence[Log]) -> dict[str, float]:
 
 def _gains(logs: Sequence[Log], rig: Rig) -> dict[str, float]:
     """Kp and Ki, and Kx of a position servo; nothing where the logs do not show gains that a servo can have."""
-    parts = [part for log in logs for part in _moves(log, rig)]
-    if sum(y.size for _, y in parts) < FEWEST:
+    Kx = _position_gain(logs, rig) if rig.driven.command is not None else None
+    moves = [part for log in logs for part in _moves(log, rig)]
+    if sum(part.i.size for part in moves) < FEWEST:
         return {}
-    G, y = np.concatenate([g for g, _ in parts]), np.concatenate([y for _, y in parts])
-    scale = np.maximum(np.linalg.norm(G, axis=0), 1e-300)
-    x = np.linalg.lstsq(G / scale, y, rcond=1e-10)[0] / scale
+    x = _solved([(*_errors(part, Kx), part.i) for part in moves])
     found: Mapping[str, float] = {"Kp": float(x[0]), "Ki": float(x[1])}
-    if rig.driven.command is not None:  # both columns tell Kx; the integral's is the quieter one
-        found = {**found, "Kx": float(x[3] / x[1]) if x[1] else 0.0}
+    found = found if Kx is None else {**found, "Kx": Kx}
     return dict(found) if all(np.isfinite(v) and v > 0.0 for v in found.values()) else {}
 
 
-def _moves(log: Log, rig: Rig) -> list[tuple[Array, Array]]:
-    """Of each move what the gains multiply (n, 2 or 4) and the current (n,), less what is constant in it."""
+def _errors(part: "_Move", Kx: float | None) -> tuple[Array, Array]:
+    """The error of the speed and its integral (n, 2), and what is as them but for the noise of the speed.
+
+    A position servo's error is small beside the noise of the voltage; its encoder has another one (instrumental variables).
+    """
+    if Kx is None or part.angle is None:
+        error = part.command - part.w
+        G = np.column_stack([error, motor_angle(part.t, error)])
+        return G, G
+    goal = Kx * part.command
+    integral = motor_angle(part.t, goal) - part.angle
+    encoder = np.gradient(part.angle, part.t)
+    return np.column_stack([goal - part.w, integral]), np.column_stack([goal - encoder, integral])
+
+
+def _position_gain(logs: Sequence[Log], rig: Rig) -> float | None:
+    """Kx of a position servo [1/s]; None where its logs show none."""
+    parts = []
+    for part in (part for log in logs for part in _moves(log, rig)):
+        if part.angle is not None:
+            G = np.column_stack([motor_angle(part.t, part.command), part.t, part.command, part.w, part.i])
+            parts.append((G, G, part.angle))
+    if sum(y.size for *_, y in parts) < FEWEST:
+        return None
+    Kx = float(_solved(parts)[0])
+    return Kx if np.isfinite(Kx) and Kx > 0.0 else None
+
+
+def _solved(parts: Sequence[tuple[Array, Array, Array]]) -> Array:
+    """Coefficients of columns G (n, k) that make y (n,), with a constant a part, by the instruments Z (n, k): (G, Z, y) each."""
+    G, Z, y = (np.concatenate([part[k] - part[k].mean(axis=0) for part in parts]) for k in range(3))
+    size = np.maximum(np.linalg.norm(G, axis=0), 1e-300)
+    Z = Z / size
+    return np.asarray(np.linalg.lstsq(Z.T @ (G / size), Z.T @ y, rcond=1e-12)[0] / size)
+
+
+class _Move(NamedTuple):
+    """A move outside saturation, (n,) each: times [s], commanded speed [rad/s], or what Kx makes one of [rad], the speed of
+    equation 16 [rad/s], current [A], and the encoder's angle [rad] of a position servo.
+    """
+
+    t: Array
+    command: Array
+    w: Array
+    i: Array
+    angle: Array | None
+
+
+def _moves(log: Log, rig: Rig) -> list[_Move]:
+    """The stretches of moves in which the servo makes its current as it will."""
     p = rig.model
     log = with_command(log, rig)
     w, i = filled(speed(log.z, p.vector)), filled(log.z[:, 1])
-    command = log.w_cmd if rig.driven.command is None else log.w_cmd / p["Kx"]
+    loop = rig.driven.command is not None and log.encoder is not None
+    command = whole_command(log, rig) / (p["Kx"] if loop else 1.0)
+    angle = filled(log.encoder) if loop and log.encoder is not None else None
     source = np.abs(log.z[:, 0] + p["Rs"] * log.z[:, 1])
     free = np.isfinite(log.z[:, :2]).all(axis=1) & (source < BELOW * max(float(np.nanmax(source)), p["Vmax"]))
     found = []
     for move in moves_from_rest(log):
         first = max(move.start - round(BEFORE_S * log.rate_hz), move.rest)
-        rows = slice(first, min(move.stop + round(AFTER_S * log.rate_hz), move.end))
-        t, kept = log.t[rows], free[rows]
-        if int(kept.sum()) < FEWEST // 2:
-            continue
-        error = command[rows] - w[rows]
-        columns = [error, motor_angle(t, error)]
-        if log.encoder is not None and rig.driven.command is not None:
-            columns = [-w[rows], -filled(log.encoder)[rows], command[rows], motor_angle(t, command[rows])]
-        G = np.column_stack(columns)[kept]
-        found.append((G - G.mean(axis=0), i[rows][kept] - i[rows][kept].mean()))
+        last = min(move.stop + round(AFTER_S * log.rate_hz), move.end)
+        for a, b in constant_runs(free[first:last].astype(np.int8)):
+            rows = slice(first + a, first + b)
+            if free[first + a] and b - a >= FEWEST // 2:
+                found.append(
+                    _Move(
+                        log.t[rows], command[rows], w[rows], i[rows], None if angle is None else angle[rows]
+                    )
+                )
     return found

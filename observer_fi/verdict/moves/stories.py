@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.physics import NOMINAL, UNKNOWN, OwnState, channel_of, label_of
+from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, OwnState, channel_of, label_of
 from observer_fi.records import CHANNELS, Event
 from observer_fi.verdict.moves.whole_move import Path, WholeMove
 
 # By which a load and a slip at will must be better than a fault with a name: nats, and a share of what is gained, for how a
 # fault grows is no part of its model.
 RARE_NATS, AT_WILL = math.log(10.0), 2e-3
+OF_SENSORS = {label for label, row in FAULTS.items() if row.by_channel}
+FINER = 0.85  # times the misfit of a slip, that of a sensor which is as likely
 SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 
 
@@ -58,12 +60,25 @@ def worth(story: Story) -> float:
 
 
 def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
-    """Probability of each label: its best story against nominal and the others'."""
-    nats = {NOMINAL: 0.0}
-    for story in stories:
+    """Probability of each label: its best story against nominal and the others'.
+
+    How a sensor fails is no part of its model. It and a slip look alike at one speed: where it explains what it believes better
+    than the slip all channels, less than that share of what is gained says nothing.
+    """
+    nats, best = {NOMINAL: 0.0}, dict[str, Story]()
+    for story in sorted(stories, key=worth):
         label = label_of(story.mode)
-        nats[label] = max(nats.get(label, -math.inf), worth(story))
+        nats[label], best[label] = worth(story), story
     top = max(nats.values())
+    for label in OF_SENSORS & best.keys():
+        slip = best.get("slip")
+        if slip is not None and _misfit(best[label].path) < FINER * _misfit(slip.path):
+            nats |= {k: top for k in (label, "slip") if top - nats[k] < AT_WILL * top}
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())
     return {label: weight / total for label, weight in weights.items()}
+
+
+def _misfit(path: Path) -> float:
+    """Mean normalised innovation squared of a channel that a path believes."""
+    return path.nis / (len(CHANNELS) - (path.hypothesis.failed >= 0))

@@ -1,6 +1,7 @@
 """What no voltage tells: a position that stands is a mass that was let go, or a sensor that died; the current says which."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,12 +10,17 @@ from observer_fi.physics import Rig
 from observer_fi.records import Array, Event
 
 # By the label and channel of a verdict: what has the same position and nearly the same current. A position that stands, or a
-# mass that does, whatever the motor turns; a current that is more, or reads more.
-SAME_WITHOUT_VOLTAGE: dict[tuple[str, str | None], tuple[str, str | None]] = {
-    ("sensor_fault", "position"): ("coupling_loss", None),
-    ("coupling_loss", None): ("sensor_fault", "position"),
-    ("jam", None): ("sensor_fault", "current"),
+# mass that does, whatever the motor turns (an obstacle that takes all the travel); a current that is more, or reads more: the one
+# current that is measured misreads at will as a load does.
+SAME_WITHOUT_VOLTAGE: dict[tuple[str, str | None], tuple[tuple[str, str | None], ...]] = {
+    ("sensor_fault", "position"): (("coupling_loss", None),),
+    ("coupling_loss", None): (("sensor_fault", "position"),),
+    ("overload", None): (("coupling_loss", None), ("sensor_fault", "position")),
+    ("slip", None): (("coupling_loss", None), ("sensor_fault", "position")),
+    ("jam", None): (("sensor_fault", "current"),),
+    ("unknown", None): (("sensor_fault", "current"),),
 }
+OF_CURRENT = ("jam", "unknown")
 _WHY = {
     "coupling_loss": "the current changed as the position stopped: the load is gone, and not the sensor alone",
     "sensor_fault": "the current stayed as it was when the position stopped: the motor still moves its load",
@@ -23,24 +29,84 @@ BEFORE_S, AFTER_S = (0.35, 0.03), (0.1, 0.5)  # of an onset: where the current i
 FEWEST = 10  # samples of a mean
 USUAL = 0.05  # by which a steady current changes from place to place, relative, 1 sigma
 DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
+# Of the current before: a mass that is let go leaves more, so that less is a motor that is being stopped, which began so long
+# before it shows.
+BRAKES, BRAKED_S = 0.3, 0.03
+CHANGED = 3.0  # standard deviations
+STANDS = 0.03  # of the speed before: a mass that is slower stands
+RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
+
+
+class _Around(NamedTuple):
+    """What is around an onset. change: of the steady current, relative, None where it is not seen; noise: its standard error;
+    stands: whether the position does, None where that is not seen.
+    """
+
+    change: float | None
+    noise: float
+    stands: bool | None
 
 
 def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
-    """The event of a log that measures no voltage, with the label that nothing but the current tells from its own.
+    """The event of a log that measures no voltage, with the labels that nothing but the current tells from its own.
 
     alike: probability from which another label is named beside the verdict's.
     """
-    other = SAME_WITHOUT_VOLTAGE.get((event.label, event.channel))
-    if other is None:
+    key = event.label, event.channel
+    others = SAME_WITHOUT_VOLTAGE.get(key, ())
+    if not others:
         return event
-    nats = 0.0 if event.label == "jam" else _let_go(event, bank, rig)
-    if other[0] in event.alike and not nats:
+    if event.label in OF_CURRENT:
+        return _or_misread(event, alike)
+    seen = _around(event, bank)
+    if event.label == "slip" and not seen.stands and _changed(seen):
+        return _or_misread(event, alike)
+    takes_all = event.label in ("overload", "slip")
+    if (takes_all and not seen.stands) or (key == ("sensor_fault", "position") and seen.stands is False):
         return event
-    nats = -nats if event.label == "coupling_loss" else nats
-    both = event.probability + event.posterior[other[0]]
-    theirs = both / (1.0 + math.exp(-min(max(nats, -50.0), 50.0)))
-    posterior = event.posterior | {event.label: both - theirs, other[0]: theirs}
-    label, channel = other if theirs > both - theirs else (event.label, event.channel)
+    if seen.change is None and others[0][0] in event.alike:
+        return event
+    nats = {other: _density(other[0], seen, rig) for other in (key, *others)}
+    return _shared(event, nats, alike)
+
+
+def _or_misread(event: Event, alike: float) -> Event:
+    """The event or, as likely, a current sensor that misreads."""
+    if "sensor_fault" in event.alike:
+        return event
+    return _shared(event, {(event.label, None): 0.0, ("sensor_fault", "current"): 0.0}, alike)
+
+
+def _changed(seen: _Around) -> bool:
+    """Whether the steady current is another one: a nut that slips leaves it."""
+    return seen.change is not None and abs(seen.change) > CHANGED * math.hypot(USUAL, seen.noise)
+
+
+def _density(label: str, seen: _Around, rig: Rig) -> float:
+    """Log-density of the change of the current under a label [nats]; 0 of all where it was not seen.
+
+    A motor that has lost its mass needs the share A'/A of its current, as far as that is known; one whose position sensor died
+    needs what it needed.
+    """
+    if seen.change is None:
+        return 0.0
+    if label == "sensor_fault":
+        return _log_density(seen.change, 0.0, math.hypot(USUAL, seen.noise))
+    if label != "coupling_loss":
+        return _log_density(seen.change, RISEN[0], math.hypot(RISEN[1], seen.noise))
+    share = rig.model["A_decoupled"] / rig.model["A"]
+    return _log_density(
+        seen.change, share - 1.0, math.hypot(share * rig.spread("A_decoupled"), USUAL, seen.noise)
+    )
+
+
+def _shared(event: Event, nats: dict[tuple[str, str | None], float], alike: float) -> Event:
+    """The event with the probability of some labels shared out anew among them."""
+    top = max(nats.values())
+    weights = {key: math.exp(max(value - top, -50.0)) for key, value in nats.items()}
+    share = sum(event.posterior[label] for label, _ in nats) / sum(weights.values())
+    posterior = event.posterior | {key[0]: share * weight for key, weight in weights.items()}
+    label, channel = max(weights, key=lambda key: weights[key])
     told = event._replace(
         label=label,
         channel=channel,
@@ -51,26 +117,35 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     return told if label == event.label else told._replace(reasons=(_WHY[label],), severity=())
 
 
-def _let_go(event: Event, bank: Bank, rig: Rig) -> float:
-    """Log-likelihood of the current around an onset with the mass let go, over that with the sensor dead [nats]; 0 where unknown.
-
-    A motor that has lost its mass needs the share A'/A of its current, as far as that is known; one whose position sensor died
-    needs what it needed.
-    """
+def _around(event: Event, bank: Bank) -> _Around:
+    """What the current and the position do at an onset, as long as the motor is not being stopped."""
     recent, onset = bank.recent, event.onset_s
     if recent is None or onset is None:
-        return 0.0
+        return _Around(None, 0.0, None)
     since = recent.t - onset
     i = np.where(recent.active, recent.z[:, 1], np.nan)
-    before = _mean(i[(since > -BEFORE_S[0]) & (since < -BEFORE_S[1])])
-    after = _mean(i[(since > AFTER_S[0]) & (since < AFTER_S[1]) & (recent.t <= event.end_s)])
-    if before is None or after is None or abs(before[0]) < 3.0 * before[1]:
-        return 0.0
-    change = after[0] / before[0] - 1.0
+    earlier = (since > -BEFORE_S[0]) & (since < -BEFORE_S[1])
+    before = _mean(i[earlier])
+    if before is None:
+        return _Around(None, 0.0, None)
+    left = np.flatnonzero((since > 0.0) & (i * math.copysign(1.0, before[0]) < BRAKES * abs(before[0])))
+    until = min(
+        AFTER_S[1], float(since[left[0]]) - BRAKED_S if left.size else AFTER_S[1], event.end_s - onset
+    )
+    later = (since > AFTER_S[0]) & (since < until)
+    speeds = _slope(recent.t[earlier], recent.z[earlier, 2]), _slope(recent.t[later], recent.z[later, 2])
+    stands = None if speeds[0] is None or speeds[1] is None else abs(speeds[1]) < STANDS * abs(speeds[0])
+    after = _mean(i[later])
+    if after is None or abs(before[0]) < 3.0 * before[1]:
+        return _Around(None, 0.0, stands)
     noise = math.hypot(after[1], before[1]) / abs(before[0])
-    share = rig.model["A_decoupled"] / rig.model["A"]
-    let_go = _log_density(change, share - 1.0, math.hypot(share * rig.spread("A_decoupled"), USUAL, noise))
-    return let_go - _log_density(change, 0.0, math.hypot(USUAL, noise))
+    return _Around(after[0] / before[0] - 1.0, noise, stands)
+
+
+def _slope(t: Array, x: Array) -> float | None:
+    """Slope of a position [m/s]; None of too few readings."""
+    known = np.isfinite(x)
+    return float(np.polyfit(t[known] - t[known][0], x[known], 1)[0]) if known.sum() >= FEWEST else None
 
 
 def _mean(i: Array) -> tuple[float, float] | None:

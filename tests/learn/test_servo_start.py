@@ -1,0 +1,60 @@
+"""Rigs of data sheets alone: where their fits begin, and what their intervals are worth."""
+
+import hidden
+import pytest
+
+from observer_fi.learn import identify
+from observer_fi.learn.servo.servo_start import with_crawl, with_start
+from observer_fi.physics import Rig
+from observer_fi.records import Fit, Log
+from pipelines import rigs_study
+
+
+def learnt_from(seed: int, drive: str) -> tuple[hidden.Actuator, Rig, Log]:
+    """An actuator, the rig file of its data sheet, and its healthy campaign."""
+    actuator = hidden.draw_actuator(seed, drive)
+    rig = rigs_study._from_sheet(actuator)
+    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
+    return actuator, rig, rigs_study._read(frame, rig)
+
+
+@pytest.mark.parametrize("seed", [61009, 61013])
+def test_the_loop_of_a_position_servo_is_found_with_its_gains(seed: int) -> None:
+    actuator, rig, log = learnt_from(seed, "position_servo")
+    found = with_start([log], rig).model
+    assert found["Kx"] == pytest.approx(actuator.loop, rel=6e-5)  # on it rests the scale of every speed
+    for name in ("Kp", "Ki"):
+        assert found[name] == pytest.approx(getattr(actuator.rig, name), rel=0.05), name
+
+
+def test_a_command_counts_from_the_first_move_of_its_goal() -> None:
+    _, rig, log = learnt_from(61013, "position_servo")
+    whole = with_crawl(log, rig)
+    assert log.position_cmd is not None
+    assert (whole.w_cmd != 0.0).argmax() < (log.w_cmd != 0.0).argmax()
+    assert (whole.w_cmd[-5:] == log.w_cmd[-5:]).all()  # and not while the goal stands
+
+
+@pytest.mark.parametrize("seed", [61003, 61009, 61013])
+def test_torques_of_a_log_without_a_voltage_are_as_good_as_the_makers_constant(seed: int) -> None:
+    actuator, rig, log = learnt_from(seed, "current")
+    fit = identify([log], rig)
+    found = {p.name: p for p in fit.parameters}
+    for name in ("J", "A"):
+        assert found[name].low < getattr(actuator.rig, name) < found[name].high, name
+        half = found[name].high - found[name].value
+        assert 0.08 < half / found[name].value < 0.4
+        assert found[name].std < 0.5 * half  # of the rig file, which has that constant as well
+    assert "no voltage" in fit.not_identifiable["Km"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [61005, 61009, 61013])
+def test_a_position_servo_is_learnt_from_its_data_sheet(seed: int) -> None:
+    actuator, rig, log = learnt_from(seed, "position_servo")
+    fit: Fit = identify([log], rig)
+    found = {p.name: p for p in fit.parameters}
+    for name in ("Kp", "Ki", "J", "A", "Km", "D"):
+        true = getattr(actuator.rig, name)
+        assert abs(found[name].value / true - 1.0) < 5e-3, name
+        assert abs(found[name].value - true) < 6.0 * found[name].std, name
