@@ -48,6 +48,17 @@ def test_an_obstacle_softer_or_harder_than_the_rig_file_is_an_overload(stiffness
     assert size(v, "share_lost")[0] == pytest.approx(0.75, abs=0.02)
 
 
+def test_a_logger_whose_position_is_late_leaves_the_stiffness_of_an_obstacle_to_be_found() -> None:
+    """The mean of 32 readings is 10 ms late; two of three such moves had no stiffness, and looked like a slip."""
+    spec = hidden.draw_move_case(64115, "overload")
+    log = log_from_frame(hidden.make_log_with("position_averaged", spec, 64115)[0])
+    found = diagnose_log(log, RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == "overload" and not found.verdict.alike
+    stiffness, low, high = size(found.verdict, "stiffness")
+    assert low < spec.rig.C < high and high - low < spec.rig.C
+    assert stiffness == pytest.approx(spec.rig.C, rel=0.2)
+
+
 @pytest.mark.parametrize("rise", [0.3, 1.5])
 def test_friction_that_rises_is_a_jam(rise: float) -> None:
     v = verdict(hidden.Fault("jam", 1.5, size=rise))
