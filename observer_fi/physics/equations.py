@@ -425,11 +425,15 @@ def transmission_loss(s, drive, torque, p):
 
 @inlined
 def stop_torque(w, d, p):
-    """Restoring torque of a stop, C d^2 against the indentation (equation 11, mirrored) [N m]."""
+    """Restoring torque of a stop, C d^2 against the indentation (equation 11, mirrored) [N m].
+
+    A filter may have C below zero for a while: the torque is that of its size, with or without other effects, or the filter would
+    see none and stay there.
+    """
     torque = zeros_like(p[C] * d)
     if any_of_rare(d):
         depth = abs(d)
-        torque = p[C] * depth * depth
+        torque = abs(p[C]) * depth * depth
         if any_of_rare(p[EXTENDED]):
             if any_of_rare(p[CONTACT_EXPONENT] - 2.0):
                 torque *= (depth / CONTACT_DEPTH) ** (p[CONTACT_EXPONENT] - 2.0)

@@ -26,7 +26,8 @@ class OwnState(NamedTuple):
     absolute: in its own unit and not as a share of what the rig file gives. low, high: what is believable of it.
     means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar. growths: of
     several in place of `growth`, for a state that may stand or run away. creeps: mean, std and growth of one more Gaussian, of a
-    fault that begins at nothing and grows slowly.
+    fault that begins at nothing and grows slowly. factor: of a constant that differs by decades, a standard deviation of its
+    logarithm, where evidence is weighed; a filter begins with the Gaussian of mean and std.
     """
 
     name: str
@@ -42,6 +43,7 @@ class OwnState(NamedTuple):
     means: tuple[float, ...] = ()
     growths: tuple[float, ...] = ()
     creeps: tuple[float, float, float] | None = None
+    factor: float = 0.0
 
 
 def _itself(plant: Model, value: float) -> float:

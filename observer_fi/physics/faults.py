@@ -76,7 +76,9 @@ FAULTS = table(
         states=(OwnState("d", 0.0, 2e-6, 0.0), OwnState("C", 1.0, None, 0.0), OwnState("E", 1.0, None, 0.0)),
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
-            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.05),
+            OwnState(
+                "C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.05, factor=5.0
+            ),
             OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
         ),
         least=Least(

@@ -17,7 +17,15 @@ from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import STOP_S, SURE, jammed_before, mostly
 from observer_fi.verdict.isolate import AT_START_S, healthy
 from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, first_misfit, lasted, until
-from observer_fi.verdict.moves.stories import Story, constant, measured, posterior_of, special_case, worth
+from observer_fi.verdict.moves.stories import (
+    Story,
+    constant,
+    measured,
+    of_any_decade,
+    posterior_of,
+    special_case,
+    worth,
+)
 from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
@@ -277,9 +285,10 @@ class LastWord:
     def _as_in_the_file(self, path: Path) -> float:
         """Nats by which the sizes that the rig file gives explain the move better, half of all faults having them."""
         usual = {own.name: self.rig.spread(own.name) for own in FAULTS[path.hypothesis.label].states}
-        nats = 0.0
+        nats = any_size = 0.0
         for own in path.hypothesis.own:
             value, std = constant(path, own)
+            any_size += of_any_decade(path, own)
             if own.name not in usual or own.std is None or not usual[own.name]:
                 continue
             given = self.rig.model[own.name] if own.absolute else 1.0
@@ -290,7 +299,7 @@ class LastWord:
                 - 0.5 * ((value - given) / near) ** 2
                 + math.log(wide / near)
             )
-        return float(np.logaddexp(nats, 0.0)) - math.log(2.0)
+        return float(np.logaddexp(nats, any_size)) - math.log(2.0)
 
     @staticmethod
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:

@@ -163,6 +163,14 @@ def test_a_stop_pushes_back_wherever_the_motor_turns() -> None:
         assert (d == 0.0) == (abs(x) <= 0.01)
 
 
+@pytest.mark.parametrize("extended", [{}, {"position_delay": 0.01}])
+def test_a_stiffness_that_a_filter_has_below_zero_for_a_while_still_shows(extended: dict[str, float]) -> None:
+    """A sensor that is late is no reason to lose the slope by which the stiffness comes back."""
+    for C, d in itertools.product((-80.0, -1.0, 1.0, 80.0), (-1e-3, 1e-3)):
+        p = override(PLANT, "stop", C=C, contact=1.0, **extended).vector
+        assert a.stop_torque(100.0, d, p) == pytest.approx(np.sign(d) * abs(C) * d * d, rel=1e-12)
+
+
 @given(
     w=st.floats(-1500.0, 1500.0), I=st.floats(-10.0, 10.0), w_cmd=st.floats(-410.0, 410.0), sag=st.floats(0.0, 5.0)
 )  # fmt: skip

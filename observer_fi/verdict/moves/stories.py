@@ -15,6 +15,7 @@ from observer_fi.verdict.moves.whole_move import Path, WholeMove
 RARE_NATS, AT_WILL = math.log(10.0), 2e-3
 OF_SENSORS = {label for label, row in FAULTS.items() if row.by_channel}
 FINER = 0.85  # times the misfit of a slip, that of a sensor which is as likely
+LEARNED = 0.5  # of its prior's width, from which a constant still has it: where it then lies is where its filter began
 SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 
 
@@ -45,6 +46,31 @@ def special_case(path: Path, own: OwnState, value: float) -> float:
     std = max(std, SHARPEST * prior)
     after = -0.5 * ((value - mean) / std) ** 2 - math.log(std)
     return after + 0.5 * ((value - own.mean) / prior) ** 2 + math.log(prior)
+
+
+def of_any_decade(path: Path, own: OwnState) -> float:
+    """Nats by which a constant that differs by decades, log-normal, explains the move better than its Gaussian prior.
+
+    The ratio of the two priors, averaged over the posterior: a soft obstacle is as likely as a hard one, and where readings leave
+    next to nothing of it the width of a Gaussian for hard ones must not count against it. Beyond two standard deviations the
+    Gaussian stays: what is as hard as that is no obstacle, but a rise of the friction with another name.
+    """
+    if not own.factor or own.std is None:
+        return 0.0
+    mean, std = constant(path, own)
+    if std > LEARNED * own.std:
+        return 0.0
+    std = max(std, SHARPEST * own.std)
+    c = mean + std * np.linspace(-6.0, 6.0, 601)
+    c = c[c > 0.0]
+    width = math.log(own.factor)
+    after = -0.5 * ((c - mean) / std) ** 2 - math.log(std)
+    gaussian = -0.5 * ((c - own.mean) / own.std) ** 2 - math.log(own.std)
+    wide = -0.5 * (np.log(c / own.mean) / width) ** 2 - np.log(c * width)
+    nats = (
+        after + np.where(c < own.mean * own.factor**2, wide - gaussian, 0.0) - 0.5 * math.log(2.0 * math.pi)
+    )
+    return float(nats.max() + math.log(np.trapezoid(np.exp(nats - nats.max()), c)))
 
 
 def measured(story: Story, whole: WholeMove) -> bool:
