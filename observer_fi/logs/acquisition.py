@@ -24,6 +24,7 @@ SPIKE = 6.0  # standard deviations, at rest
 FAR, ALONE = 8.0, 4.0
 UNMOVED = 80  # samples on either side of a spike in which the command stands still
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
+SIGMA_OF_MAD, DRIVEN = 1.4826, 4.0  # of normal noise; standard deviations from where a rest is at its ends
 SWITCHED = (1.5, 8.0)  # by what noise grows in another range
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
@@ -53,7 +54,8 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
     part = slice(0, LONGEST)
     t, z, w = log.t[part], log.z[part], log.w_cmd[part]
-    rests = rests_of(t, w)
+    rests = [undriven(rest, z) for rest in rests_of(t, w)]
+    rests = [rest for rest in rests if rest.stop - rest.start >= FEWEST]
     voltage, current, position = (
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
     )
@@ -85,6 +87,26 @@ def rests_of(t: Array, w_cmd: Array) -> list[slice]:
         if end - begin >= FEWEST:
             found.append(slice(int(begin), int(end)))
     return found
+
+
+def undriven(rest: slice, z: Array) -> slice:
+    """A rest without its ends in which voltage or current, z (n, 2 or more), already rises or still falls.
+
+    Friction holds a mass while a motor that is given a voltage, and no speed, is driven up; that is no noise.
+    """
+    first, last = rest.start, rest.stop
+    for y in z[rest, :2].T:
+        seen = y[np.isfinite(y)]
+        changes = np.abs(np.diff(seen))
+        if not changes.any():
+            continue
+        level = float(np.median(seen))
+        usual = max(
+            SIGMA_OF_MAD * float(np.median(np.abs(seen - level))), float(changes[changes > 0.0].min())
+        )
+        near = np.flatnonzero(np.abs(y - level) <= DRIVEN * usual)
+        first, last = max(first, rest.start + int(near[0])), min(last, rest.start + int(near[-1]) + 1)
+    return slice(first, max(last, first))
 
 
 def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usual: float) -> ChannelTraits:

@@ -483,7 +483,9 @@ def shown_by_rest(event: Event) -> bool:
 
 
 def healthy(event: Event) -> Event:
-    """The event without its fault."""
+    """The event without its fault: with the one that came behind it, or healthy."""
+    if event.then:
+        return event.then[0]._replace(end_s=event.end_s, then=event.then[1:])
     return event._replace(
         label=NOMINAL, channel=None, probability=1.0, posterior={k: float(k == NOMINAL) for k in event.posterior},
         onset_s=None, onset_interval_s=(None, None), detected_s=None, isolated_s=None, alike=(), reasons=(),

@@ -137,6 +137,20 @@ def test_rests_begin_when_the_loop_has_settled() -> None:
     assert t[later.start] == pytest.approx(1.7375 + 0.3, abs=2.0 / RATE) and later.stop == t.size
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("step", [0.0, 2.0])
+def test_a_voltage_that_rises_before_friction_lets_go_is_no_noise(seed: int, step: float) -> None:
+    """The rest lasts until something moves; a voltage drive ramps up in its last 60 ms."""
+    log = signal(seed)
+    z, rest = log.z.copy(), rests_of(log.t, log.w_cmd)[0]
+    up = np.arange(round(0.06 * RATE))
+    z[rest.stop - up.size : rest.stop, 0] += 3.0 * SIGMA[0] * up
+    z[:, 0] = stepped(z[:, 0], step * SIGMA[0], 0.0) if step else z[:, 0]
+    found = traits_of(log_of(log.t, z)).voltage
+    assert found.noise_std == pytest.approx(SIGMA[0], rel=0.15)
+    assert found.correlation_s is None and found.offset == pytest.approx(0.0, abs=0.5 * SIGMA[0])
+
+
 # --- steps ---------------------------------------------------------------------------------------
 
 

@@ -439,3 +439,11 @@ def test_mean_nis_counts_channels_that_were_measured() -> None:
 def test_the_tail_of_a_chi_square_is_that_of_scipy(q: float) -> None:
     for freedoms in (2, 10):
         assert isolate._chi_square_tail(q, freedoms) == pytest.approx(chi2.sf(q, freedoms), rel=1e-12)
+
+
+def test_health_in_place_of_a_first_fault_leaves_the_one_behind_it() -> None:
+    posterior = {label: float(label == "unknown") for label in LABELS}
+    behind = Event("unknown", None, 1.0, 1.1, (1.0, 1.2), None, None, 0.2, 2.0, posterior)
+    first = behind._replace(label="jam", onset_s=0.3, end_s=2.5, then=(behind,))
+    assert isolate.healthy(first) == behind._replace(end_s=2.5)
+    assert isolate.healthy(first._replace(then=())).label == "nominal"
