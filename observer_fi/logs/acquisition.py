@@ -24,7 +24,8 @@ SPIKE = 6.0  # standard deviations, at rest
 FAR, ALONE = 8.0, 4.0
 UNMOVED = 80  # samples on either side of a spike in which the command stands still
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
-SIGMA_OF_MAD, DRIVEN = 1.4826, 4.0  # of normal noise; standard deviations from where a rest is at its ends
+# Of normal noise; standard deviations by which samples at once are off the level of a rest where the motor is driven.
+SIGMA_OF_MAD, DRIVEN, AT_ONCE = 1.4826, 3.0, 5
 SWITCHED = (1.5, 8.0)  # by what noise grows in another range
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
@@ -90,23 +91,33 @@ def rests_of(t: Array, w_cmd: Array) -> list[slice]:
 
 
 def undriven(rest: slice, z: Array) -> slice:
-    """A rest without its ends in which voltage or current, z (n, 2 or more), already rises or still falls.
+    """A rest without its ends in which voltage or current, z (n, 2 or more), still rings or falls, or already rises.
 
-    Friction holds a mass while a motor that is given a voltage, and no speed, is driven up; that is no noise.
+    Friction holds a mass while a motor that is given a voltage, and no speed, is driven up; that is no noise. A log may begin
+    as a move ends.
     """
     first, last = rest.start, rest.stop
     for y in z[rest, :2].T:
-        seen = y[np.isfinite(y)]
-        changes = np.abs(np.diff(seen))
-        if not changes.any():
-            continue
-        level = float(np.median(seen))
-        usual = max(
-            SIGMA_OF_MAD * float(np.median(np.abs(seen - level))), float(changes[changes > 0.0].min())
-        )
-        near = np.flatnonzero(np.abs(y - level) <= DRIVEN * usual)
-        first, last = max(first, rest.start + int(near[0])), min(last, rest.start + int(near[-1]) + 1)
+        driven = _off_level(y)
+        half = driven.size // 2
+        if driven.size and driven[0]:
+            first = max(first, rest.start + int(np.flatnonzero(driven[:half])[-1]) + AT_ONCE)
+        if driven.size and driven[-1]:
+            last = min(last, rest.start + half + int(np.flatnonzero(driven[half:])[0]))
     return slice(first, max(last, first))
+
+
+def _off_level(y: Array) -> Mask:
+    """Where the median of some samples is off the level of all of them by more than their noise, or their finest step."""
+    seen = y[np.isfinite(y)]
+    changes = np.abs(np.diff(seen))
+    if seen.size < FEWEST or not changes.any():
+        return np.zeros(0, dtype=np.bool_)
+    level = float(np.median(seen))
+    off = np.where(np.isfinite(y), y - level, 0.0)
+    usual = max(SIGMA_OF_MAD * float(np.median(np.abs(off))), float(changes[changes > 0.0].min()))
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(off, AT_ONCE), axis=1)
+    return np.asarray(np.abs(medians) > DRIVEN * usual, dtype=np.bool_)
 
 
 def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usual: float) -> ChannelTraits:

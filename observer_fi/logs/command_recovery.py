@@ -93,7 +93,10 @@ def recover_command(log: Log, model: Model) -> Log:
 
 
 def _on_while_stalled(log: Log, w_cmd: Array) -> Array:
-    """`w_cmd`, which goes on where a motor stands that is driven harder than it was in motion: that is a stall, and no rest."""
+    """`w_cmd`, which goes on where a motor stands that is driven harder than it was in motion: that is a stall, and no rest.
+
+    The ring after a stop is over sooner.
+    """
     i, w_cmd = np.nan_to_num(filled(log.z[:, 1])), w_cmd.copy()
     before = 0
     for a, b in constant_runs((w_cmd != 0.0).astype(np.int8)):
@@ -104,9 +107,10 @@ def _on_while_stalled(log: Log, w_cmd: Array) -> Array:
             usual = float(np.median(way * i[(before + a) // 2 : a]))
             harder = way * i[a:b] > STALLED * max(usual, 0.0)
             first = int(np.argmax(harder))
-            if harder[first] and first <= SOON_S * log.rate_hz:
-                over = np.flatnonzero(~harder[first:])
-                w_cmd[a : a + first + over[0] if over.size else b] = w_cmd[a - 1]
+            over = np.flatnonzero(~harder[first:])
+            until = first + int(over[0]) if over.size else b - a
+            if first <= SOON_S * log.rate_hz and until - first > 2.0 * RINGING_S * log.rate_hz:
+                w_cmd[a : a + until] = w_cmd[a - 1]
     return w_cmd
 
 

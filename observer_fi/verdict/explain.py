@@ -32,7 +32,12 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "Most moves of this log disagree with the rig file in the same way, which points at the model rather than at a "
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
-    words.append(row.says(row.action, v.channel))
+    if v.label == NOMINAL and v.alike:
+        words.append(
+            "Look at the next moves: what is a fault comes again or grows, what a day brings passes."
+        )
+    else:
+        words.append(row.says(row.action, v.channel))
     return " ".join(words)
 
 

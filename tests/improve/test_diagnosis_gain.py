@@ -9,7 +9,7 @@ from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.settings import Settings
 
 RIG = load_rig()
-PLANT = with_values(RIG, {"screw_ripple_sin": 4e-5, "A": 4.3e-4})
+PLANT = with_values(RIG, {"screw_ripple_sin": 1.6e-4, "A": 4.3e-4})
 
 
 @pytest.fixture(scope="module")

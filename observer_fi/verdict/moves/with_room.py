@@ -60,11 +60,11 @@ class WithRoom:
         best.bank.recent = bank.recent
         told = self._judged(event, estimate, best)
         if told.label == "jam" and _small(told) and _small(event):
-            return healthy(event)
+            return _or_a_day(event)
         same = (told.label, told.channel) == (event.label, event.channel)
         if same or (told.label == NOMINAL and self._goes_on(event, *found, best.word)):
             return event
-        return told
+        return _or_a_day(event) if told.label == NOMINAL and event.label == "jam" else told
 
     def _made(self) -> Bank:
         """The usual bank; those with room are made with it."""
@@ -95,6 +95,15 @@ class WithRoom:
         k, settled = whole.nominal.states.index("A"), event.start_s + SETTLED_S
         friction = [float(m.x[k]) for m in whole.memories if m.t[0] > settled]
         return bool(friction) and float(np.ptp(friction)) > COMES_AND_GOES
+
+
+def _or_a_day(event: Event) -> Event:
+    """Health, or else the jam that the event has: a friction that rose a little, and one of that day, look alike."""
+    health = healthy(event)
+    if event.label != "jam" or health.label != NOMINAL:
+        return health
+    posterior = health.posterior | {NOMINAL: 0.5, "jam": 0.5}
+    return health._replace(probability=0.5, posterior=posterior, alike=("jam",))
 
 
 def _small(event: Event) -> bool:
