@@ -61,7 +61,16 @@ def new_moves(problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig) ->
     counts.setdefault("extended", counts["refit"])
     worse = problem.measure(ladder.extended).nll_per_sample > problem.measure(ladder.baseline).nll_per_sample
     order = ("refit", "extended", "rig_file") if worse else ("extended", "refit", "rig_file")
-    return NewMoves(**counts, best=min(order, key=lambda name: _rate(counts[name])))
+    return NewMoves(**counts, best=best_of(counts, order))
+
+
+def best_of(counts: Mapping[str, Count], order: Sequence[str]) -> str:
+    """The first rig in order, best on held-out moves first, that has no more false alarms than any other but for one.
+
+    One among a few moves is chance, and a rig that fits nothing has room for everything.
+    """
+    least = min(map(_rate, counts.values()))
+    return next(n for n in order if _rate(counts[n]) <= least + 1.0 / max(counts[n].moves, 1))
 
 
 def counted(

@@ -9,7 +9,7 @@ import pytest
 from campaigns import campaign
 
 from observer_fi.improve import Improvement, improve, to_json
-from observer_fi.improve.new_moves import BEHIND, MOST_MOVES, Count, counted
+from observer_fi.improve.new_moves import BEHIND, MOST_MOVES, Count, best_of, counted
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
 
@@ -47,6 +47,16 @@ def test_a_rig_that_is_far_behind_is_asked_no_more() -> None:
     found = counted(rigs, moves, lambda part, rig: rig is RIG)
     assert found == {"worse": Count(BEHIND, BEHIND), "better": Count(7, 0)}
     assert counted(rigs, moves, lambda part, rig: True) == dict.fromkeys(rigs, Count(7, 7))
+
+
+@pytest.mark.parametrize(
+    ("alarms", "best"),
+    [((1, 0, 1), "extended"), ((0, 0, 1), "extended"), ((3, 0, 2), "refit"), ((0, 2, 2), "rig_file"), ((5, 4, 0), "extended")],
+)  # fmt: skip
+def test_one_alarm_more_is_chance(alarms: tuple[int, int, int], best: str) -> None:
+    names = ("rig_file", "refit", "extended")
+    counts = {name: Count(8, n) for name, n in zip(names, alarms, strict=True)}
+    assert best_of(counts, ("extended", "refit", "rig_file")) == best
 
 
 @pytest.mark.slow
