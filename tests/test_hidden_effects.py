@@ -21,11 +21,10 @@ def hide(causes: tuple[str, ...], size: float, seed: int = SEED) -> dict:
     "cause",
     [
         "viscous_friction",
-        "winding_heating",
         "voltage_offset",
         *(
             pytest.param(slow, marks=pytest.mark.slow)
-            for slow in ("screw_ripple", "input_delay", "position_lag")
+            for slow in ("winding_heating", "screw_ripple", "input_delay", "position_lag")
         ),
     ],
 )

@@ -27,7 +27,7 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
     "cause, equations",
     [
         pytest.param("shaft_ripple", {"torque"}, marks=pytest.mark.slow),
-        ("winding_heating", {"electrical"}),
+        pytest.param("winding_heating", {"electrical"}, marks=pytest.mark.slow),
         ("current_offset", {"sensor:current"}),
         ("current_lag", {"servo"}),
     ],
