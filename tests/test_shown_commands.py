@@ -18,7 +18,8 @@ NEEDS_MORE = (
     "--scheduler",
     "--help",
     "rig",
-)  # a stream without end, a cluster, an exit; a file of its own test
+    "emps_published",
+)  # a stream without end, a cluster, an exit; a file of its own test; recordings, which test_emps learns from
 PLACEHOLDERS = {"LOG...": [f"logs/logs_{k:02d}.csv" for k in range(14)]}
 FIRST = ROOT / "docs" / "first-verdict.md"
 
