@@ -106,7 +106,7 @@ def test_a_slip_whose_current_stays_is_one() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [97100, 97103, 97104])
 def test_a_drive_that_logs_no_voltage(seed: int) -> None:
-    """From the data sheet to both verdicts, on the independent truth."""
+    """From the data sheet to both verdicts, on the independent truth; where the current leaves both, both are named."""
     actuator = hidden.draw_actuator(seed, "current")
     rig = rigs_study._learned(actuator)
     lost = hidden.fault_spec(actuator, "coupling_loss", seed)
@@ -114,4 +114,6 @@ def test_a_drive_that_logs_no_voltage(seed: int) -> None:
     for spec, label in ((lost, "coupling_loss"), (dead, "sensor_fault")):
         frame, _ = hidden.actuator_log(actuator, spec, seed + 1)
         isolation = diagnose_log(rigs_study._read(frame, rig), rig, Settings()).isolation
-        assert isolation is not None and isolation.verdict.label == label
+        assert isolation is not None
+        verdict = isolation.verdict
+        assert verdict.label == label or (label in verdict.alike and verdict.probability < 0.95)
