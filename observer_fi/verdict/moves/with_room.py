@@ -5,6 +5,7 @@ the second one explains as well as any fault with the first one is judged by it;
 """
 
 import math
+from collections import Counter
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from observer_fi.verdict.onset import Filters
 AT_WILL = ("jam", UNKNOWN)  # faults that follow any torque, and so also one of every day
 # Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
 COMES_AND_GOES = 0.25
+STANDS = 8  # verdicts in a row that room did not change
 EVERYDAY = 0.08  # of the friction: a jam that is smaller, and no better explained than a usual day, is one
 # Probability from which another label is as good: what wanders is like the slow rise by which an obstacle differs from a slip.
 ALIKE = 1e-4
@@ -42,9 +44,22 @@ class WithRoom:
         self.rig, self.settings = rig, settings
         self.usual: Bank | None = None
         self.rooms: list[Banks] = []
+        self.stood: Counter[tuple[str, str | None]] = Counter()
 
     def on(self, event: Event, bank: Bank, nats: float | None) -> Event:
-        """The event as it is with room, where that explains the move. bank: with its samples at hand; nats: of the best story."""
+        """The event as it is with room, where that explains the move. bank: with its samples at hand; nats: of the best story.
+
+        A fault that stood so many times in a row is asked about no more in its log.
+        """
+        if self.stood[event.label, event.channel] >= STANDS:
+            return event
+        told = self._with_room(event, bank, nats)
+        self.stood[event.label, event.channel] = (
+            self.stood[event.label, event.channel] + 1 if told is event else 0
+        )
+        return told
+
+    def _with_room(self, event: Event, bank: Bank, nats: float | None) -> Event:
         if self.rig.errors or event.label == NOMINAL or NOMINAL in event.alike or shown_by_rest(event):
             return event
         found = window_of(event, bank)
