@@ -7,7 +7,7 @@ state that the source does not have starts from its entry prior.
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +42,7 @@ _KINDS = {"w": tr.W_STATE, "I": tr.I_STATE, "x": tr.X_STATE, "d": tr.D_STATE} | 
 class Hypothesis:
     """name; label of the verdict; the model; names of its states; channel (0, 1, 2) it does not believe, or -1.
 
-    own: what its fault says of the states that it adds.
+    own: what its fault says of the states that it adds; kept: what an earlier fault says of those that it left behind.
     """
 
     name: str
@@ -51,6 +51,7 @@ class Hypothesis:
     states: tuple[str, ...]
     failed: int = -1
     own: tuple[OwnState, ...] = ()
+    kept: tuple[OwnState, ...] = ()
 
     @property
     def kinds(self) -> np.ndarray:
@@ -79,6 +80,19 @@ def of_a_move(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
     wanted = [row for row in FAULTS.values() if _wanted(row, settings)]
     parts = [(row, sizes) for row in wanted for sizes in itertools.product(*map(_gaussians, row.sizes))]
     return tuple(h for row, sizes in parts for h in _hypotheses(row, sizes, plant, rig, settings))
+
+
+def on_top(first: Hypothesis, h: Hypothesis) -> Hypothesis:
+    """A fault that comes on top of another one: a nut that slips goes on to slip while friction rises.
+
+    Alone where nothing of the first one is left, the motor turning without the mass, and where both are about one constant.
+    """
+    names = {own.name for own in first.own}
+    if not FAULTS[h.label].shares or not names or names & {own.name for own in h.own}:
+        return h
+    absolute = {own.name: own.mean for own in first.own if own.absolute}
+    model = override(h.model, h.label, **FAULTS[first.label].plant, **absolute)
+    return replace(h, model=model, states=(*h.states, *(own.name for own in first.own)), kept=first.own)
 
 
 def _gaussians(own: OwnState) -> tuple[OwnState, ...]:
@@ -207,8 +221,8 @@ def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:
 
 
 def _own(h: Hypothesis, state: str) -> OwnState | None:
-    """What the fault of a hypothesis says of a state that it adds; None where the state is not its own."""
-    return next((s for s in h.own if s.name == state), None)
+    """What a fault says of a state that it adds, its own or one of the fault before it; None where the state is of neither."""
+    return next((s for s in (*h.own, *h.kept) if s.name == state), None)
 
 
 def _entry(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scale: Scale) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from observer_fi.verdict.moves.stories import (
     special_case,
     worth,
 )
-from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
+from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
@@ -136,11 +136,21 @@ class LastWord:
         else:
             best = {p.hypothesis.label: p for p in reversed(paths) if self._counts(p, whole, event)}
             tried = [p for label, p in best.items() if label != UNKNOWN]
-        ends = [(found.until, found) for p in tried if (found := lasted(p, whole)) is not None]
+        ends = [found.until for p in tried if (found := lasted(p, whole)) is not None]
         if not ends:
             return None
-        stop = max(ends, key=lambda item: item[0])[0]
-        shorter = until(whole, stop - round(WINDOW_S / whole.interval))
+        stops = [max(ends) - round(WINDOW_S / whole.interval)]
+        if not stories or stories[0].mode == UNKNOWN:
+            best_path = max(tried, key=lambda p: p.gain)
+            if best_path.end is not None:  # it seems over where another one takes its place
+                stops.append(best_path.end - STRIDE)
+            stops.append(best_path.first - STRIDE)  # of a lesser fault before it a great one leaves no trace
+        pairs = (self._pair(event, whole, stop) for stop in stops)
+        return next((pair for pair in pairs if pair is not None), None)
+
+    def _pair(self, event: Event, whole: WholeMove, stop: int) -> Event | None:
+        """The event with the fault that explains the move as far as a sample, and another behind it; None without either."""
+        shorter = until(whole, stop)
         if shorter is None:
             return None
         first = self._one(event, shorter, 0, shorter.n)
@@ -304,7 +314,7 @@ class LastWord:
     @staticmethod
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
-        value *= whole.direction(path.begin) if own.of_friction else 1.0
+        value *= whole.direction(path.begin, path.end) if own.of_friction else 1.0
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
@@ -354,7 +364,7 @@ class LastWord:
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
-            scale = whole.direction(path.begin) / friction
+            scale = whole.direction(path.begin, path.end) / friction
             std = math.hypot(std, value * doubt)
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.hypotheses import arrays, bank, repeat_share, transition_rates
+from observer_fi.bank.hypotheses import (
+    Hypothesis,
+    arrays,
+    bank,
+    of_a_move,
+    on_top,
+    repeat_share,
+    transition_rates,
+)
 from observer_fi.bank.packing import bank_rows, find_places
 from observer_fi.physics.equations import INDEX
 from observer_fi.physics.faults import FAULTS
@@ -192,3 +200,18 @@ def test_coarse_readings_repeat_themselves_within_their_step() -> None:
 def test_where_readings_repeat_themselves_at_rest_a_repeat_says_nothing() -> None:
     np.testing.assert_array_equal(repeat_share(logged(repeats=0.5), SETTINGS), 1.0)
     np.testing.assert_allclose(repeat_share(logged(repeats=0.05), SETTINGS), SETTINGS.repeat_scale)
+
+
+def test_a_fault_on_top_of_another_one_keeps_what_that_left_behind() -> None:
+    by_name: dict[str, Hypothesis] = {h.name: h for h in reversed(of_a_move(RIG, SETTINGS))}
+    slip, jam = by_name["slip"], by_name["jam"]
+    both = on_top(slip, jam)
+    assert both.label == "jam" and both.own == jam.own
+    assert set(both.states) == {*slip.states, "torque"}
+    assert (both.model["contact"], both.model["C"]) == (1.0, 0.0) and both.model["E"] == slip.model["E"]
+    rows = arrays((both,), RIG, SETTINGS)
+    assert rows.diffusion[0, both.states.index("E")] > 0.0  # it may go on to grow
+    gone, same = by_name["coupling_loss"], by_name["overload"]
+    assert on_top(slip, gone) is gone  # the motor turns without the mass
+    assert on_top(slip, same) is same  # the share lost is one constant
+    assert on_top(HYPOTHESES[0], jam) is jam

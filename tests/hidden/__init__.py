@@ -3,11 +3,14 @@
 from .answers import Size, right_size
 from .cases import (
     FAILING_SIGMAS,
+    PAIRS_OF_FAULTS,
+    PLACED_KINDS,
     SEVERITY_KINDS,
     draw_effect_case,
     draw_effects_case,
     draw_failing_case,
     draw_move_case,
+    draw_placed_case,
     draw_severity_case,
 )
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
@@ -56,6 +59,8 @@ __all__ = [
     "NO_FAULT",
     "OUTSIDE",
     "PAIRS",
+    "PAIRS_OF_FAULTS",
+    "PLACED_KINDS",
     "SENSOR_SIZES",
     "SEVERITY_KINDS",
     "SHAPES",
@@ -83,6 +88,7 @@ __all__ = [
     "draw_effects_case",
     "draw_failing_case",
     "draw_move_case",
+    "draw_placed_case",
     "draw_rest_integral",
     "draw_rig",
     "draw_severity_case",

@@ -6,7 +6,15 @@ import numpy as np
 
 from .effects import ALL, sized_effect
 from .faults import CHANNELS, FAILURES, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
-from .profiles import Profile, campaign, contact_campaign, rich_campaign, shaped_move, single_move
+from .profiles import (
+    Move,
+    Profile,
+    campaign,
+    contact_campaign,
+    rich_campaign,
+    shaped_move,
+    single_move,
+)  # fmt: skip
 from .rig import TABLE_1, draw_rest_integral, draw_rig
 from .sensors import Logger
 from .truth import TruthSpec
@@ -134,6 +142,15 @@ SEVERITY_KINDS = (
     "jam_growing",
 )
 
+# Where a fault of any size may begin other than in mid-move, and two faults of one move.
+PLACES = ("in_a_start", "at_a_reversal", "in_a_rest", "before_the_first_sample")
+PAIRS_OF_FAULTS = {"stop_then_loss": ("overload", "coupling_loss"), "slip_then_jam": ("slip", "jam")}
+PLACED_KINDS = (*PLACES, *PAIRS_OF_FAULTS)
+REST_S, FORTH_AND_BACK = (
+    0.4,
+    4,
+)  # the rest in which a fault begins; moves one after another of a command without rests
+
 
 def draw_severity_case(seed: int, kind: str, shape: str = "") -> TruthSpec:
     """One move with a fault of any size. kind: of SEVERITY_KINDS, or "nominal".
@@ -160,6 +177,48 @@ def draw_severity_case(seed: int, kind: str, shape: str = "") -> TruthSpec:
     start = draw_rest_integral(rng, rig, pitch)
     profile = shaped_move(shape, speed, length, rng, **pitched) if shape else plain
     return TruthSpec(profile, rig, fault, start_integral_rad=start)
+
+
+def draw_placed_case(seed: int, kind: str) -> TruthSpec:
+    """As `draw_severity_case`, with a fault that begins elsewhere or two in one move. kind: of PLACED_KINDS.
+
+    In a start: within 250 ms of it. At a reversal: within 20 ms of one. In a rest: between a move and the one back. No stop is
+    reached at a reversal or in a rest: the mass leaves it. The second of two faults comes 0.4 s after the first, or later.
+    """
+    spec, rng = draw_severity_case(seed, "nominal"), np.random.default_rng([seed, 17])
+    move = spec.profile.moves[0]
+    if kind in PAIRS_OF_FAULTS:
+        first = rng.uniform(0.3, move.hold_s - 1.2)
+        then = rng.uniform(first + 0.4, move.hold_s - 0.4)
+        faults = [
+            _sized_fault(rng, label, move.start_s + at)
+            for label, at in zip(PAIRS_OF_FAULTS[kind], (first, then), strict=True)
+        ]
+        return replace(spec, fault=faults[0], then=faults[1])
+    leaves = kind in ("at_a_reversal", "in_a_rest")
+    label = str(
+        rng.choice(
+            ["coupling_loss", "slip", "jam"] if leaves else ["overload", "coupling_loss", "slip", "jam"]
+        )
+    )
+    profile, onset = spec.profile, 0.0
+    if kind == "in_a_start":
+        onset = move.start_s + rng.uniform(0.0, TRANSIENT_S)
+    elif kind == "at_a_reversal":
+        profile = shaped_move(
+            "without_rests", move.speed, move.hold_s, rng, pitch_deg=profile.pitch_steps[0][1]
+        )
+        turns = move.start_s + move.hold_s * np.arange(1, FORTH_AND_BACK) / FORTH_AND_BACK
+        onset = rng.choice(turns) + rng.uniform(-0.02, 0.02)
+    elif kind == "in_a_rest":
+        back = move.brake_s + REST_S
+        profile = replace(
+            profile,
+            moves=(move, Move(back, -move.speed, move.hold_s)),
+            duration_s=back + move.hold_s + 0.5,
+        )
+        onset = back - rng.uniform(0.05, REST_S - 0.05)
+    return replace(spec, profile=profile, fault=_sized_fault(rng, label, onset))
 
 
 def _sized_fault(rng: np.random.Generator, kind: str, onset: float) -> Fault:

@@ -260,6 +260,15 @@ def test_the_second_fault_of_a_move_is_told_behind_the_first(label: str) -> None
     assert "coupling_loss" in (second.label, *second.alike)
 
 
+def test_a_jam_on_top_of_a_slip_is_told_behind_it() -> None:
+    """The slip costs a hundredth of what the jam does, and goes on under it."""
+    v = verdict(hidden.Fault("slip", 1.2, size=0.08), then=hidden.Fault("jam", 2.0, size=0.4))
+    assert v.label == "slip" and v.onset_s == pytest.approx(1.2, abs=0.05)
+    (second,) = v.then
+    assert second.label == "jam" and second.onset_s == pytest.approx(2.0, abs=0.03)
+    assert size(second, "friction_rise")[0] == pytest.approx(0.4, rel=0.2)
+
+
 def test_a_coupling_that_lets_go_twice_is_told_twice() -> None:
     twice = (
         hidden.Fault("coupling_loss", 1.0, duration_s=0.15),
@@ -287,6 +296,19 @@ def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
     assert found is not None
     assert [e.label for e in found.events] == ["nominal", "jam"]
+
+
+@pytest.mark.parametrize("kind", ["in_a_rest", "at_a_reversal"])
+def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None:
+    """Against the motion behind its begin, not the one before it."""
+    spec = hidden.draw_placed_case(60007, kind)
+    assert spec.fault.label == "jam" and (spec.fault.size or 0.0) > 1.0
+    if kind == "at_a_reversal":
+        last = spec.profile.moves[0]
+        onset = last.start_s + 0.75 * last.hold_s - 0.01
+        spec = replace(spec, fault=replace(spec.fault, onset_s=onset))
+    v = of(spec, 60007)
+    assert v.label == "jam" and v.onset_s == pytest.approx(float(spec.fault.onset_s or 0.0), abs=0.15)
 
 
 @pytest.mark.parametrize("seed", [83007, 83015])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.bank import Hypothesis, HypothesisState, LogSamples
+from observer_fi.bank import Hypothesis, HypothesisState, LogSamples, on_top
 from observer_fi.records import Array
 from observer_fi.verdict.moves.whole_move import LEFT, Path, WholeMove
 
@@ -72,7 +72,7 @@ def behind(first: Lasted, whole: WholeMove) -> WholeMove | None:
     """The move from a first fault on, or from its end, which takes nominal's place; None where too little is left of it."""
     if whole.n - first.since < 4 * LEFT:
         return None
-    others = tuple(h for h in whole.faults if h.label != first.base.label)
+    others = tuple(on_top(first.base, h) for h in whole.faults if h.label != first.base.label)
     return WholeMove(
         (first.base, *others), whole.window.cut(first.since, whole.n), first.memory, whole.filters
     )

@@ -180,12 +180,20 @@ class WholeMove:
         return Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
 
     def friction(self, k: int) -> float:
-        """Nominal's friction before sample k, over that of the rig file."""
-        states = self.nominal.states
-        return float(self._nominal_at(k).x[states.index("A")]) if "A" in states else 1.0
+        """Friction before sample k over that of the rig file: nominal's, and behind a jam what it rose by."""
+        x, states = self._nominal_at(k).x, self.nominal.states
+        usual = float(x[states.index("A")]) if "A" in states else 1.0
+        risen = abs(float(x[states.index("torque")])) if self.nominal.label == "jam" else 0.0
+        return usual + risen / self.nominal.model["A"]
 
-    def direction(self, k: int) -> float:
-        """Sign of the commanded speed at sample k; in a stop and the rest after it of the speed before."""
+    def direction(self, k: int, end: int | None = None) -> float:
+        """Sign of the way commanded from sample k to `end`; where none is, in a stop and the rest after it, of the speed before.
+
+        What begins in a rest or at a reversal is about the motion behind it.
+        """
+        way = float(self.window.w_cmd[k:end].sum())
+        if way != 0.0:
+            return float(np.sign(way))
         commanded = np.flatnonzero(self.window.w_cmd[: min(k + 1, self.moving)])
         return float(np.sign(self.window.w_cmd[commanded[-1]])) if commanded.size else 0.0
 
