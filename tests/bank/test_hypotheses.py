@@ -192,3 +192,18 @@ def test_coarse_readings_repeat_themselves_within_their_step() -> None:
 def test_where_readings_repeat_themselves_at_rest_a_repeat_says_nothing() -> None:
     np.testing.assert_array_equal(repeat_share(logged(repeats=0.5), SETTINGS), 1.0)
     np.testing.assert_allclose(repeat_share(logged(repeats=0.05), SETTINGS), SETTINGS.repeat_scale)
+
+
+def test_a_sensor_that_is_not_there_does_not_fail() -> None:
+    voltage = next(j for j, h in enumerate(HYPOTHESES) if h.name == "sensor:voltage")
+    usual, without = (
+        transition_rates(HYPOTHESES, BankSettings()),
+        transition_rates(HYPOTHESES, BankSettings(), (0,)),
+    )
+    assert (
+        usual[0, voltage] > 0.0
+        and (without[:, voltage][without[:, voltage] > 0.0] < 1e-9 * usual[0, voltage]).all()
+    )
+    np.testing.assert_allclose(without.sum(axis=1), 0.0, atol=1e-12)
+    others = [j for j in range(1, len(HYPOTHESES)) if j != voltage]
+    np.testing.assert_array_equal(without[0, others], usual[0, others])
