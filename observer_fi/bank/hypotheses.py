@@ -174,11 +174,18 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
         mean,
         var,
         diffusion,
-        transition_rates(hypotheses, settings),
+        transition_rates(hypotheses, settings, _absent(rig)),
         rig.noise_std**2,
         repeat_share(rig, settings),
         own_constants(hypotheses, n),
     )
+
+
+def _absent(rig: Rig) -> tuple[int, ...]:
+    """Channels without which the drive of a rig does, and of which its logger shows none."""
+    if "voltage_v" in rig.watched.columns or rig.logger is None:
+        return ()
+    return () if math.isfinite(rig.logger.voltage.as_white) else (CHANNELS.index("voltage"),)
 
 
 REPEATING = 0.1  # share of readings at rest that repeat themselves, from which that says nothing of a sensor
@@ -266,8 +273,17 @@ def _diffusion(h: Hypothesis, state: str, rig: Rig, settings: BankSettings, scal
     return growth**2 + settings.wander.get(state, 0.0) ** 2
 
 
-def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings) -> Array:
-    """Generator of the mode process [1/s], (m, m): rows sum to zero, [i, j] is from i to j."""
+NEVER = 1e-12  # of a rate, for what cannot happen
+
+
+def transition_rates(
+    hypotheses: tuple[Hypothesis, ...], settings: BankSettings, absent: tuple[int, ...] = ()
+) -> Array:
+    """Generator of the mode process [1/s], (m, m): rows sum to zero, [i, j] is from i to j.
+
+    absent: channels that are not there. Their sensors do not fail: it would be a second nominal hypothesis, from which no
+    reading comes back.
+    """
     m = len(hypotheses)
     rates = np.full((m, m), settings.between_rate)
     rates[0, :] = settings.fault_rate
@@ -276,6 +292,8 @@ def transition_rates(hypotheses: tuple[Hypothesis, ...], settings: BankSettings)
         rates[j, 0] = settings.recovery_rate if row and row.heals else 0.0
         if row and row.rare:
             rates[0, j] *= settings.rare
+        if h.failed in absent:
+            rates[:, j] *= NEVER
     np.fill_diagonal(rates, 0.0)
     np.fill_diagonal(rates, -rates.sum(axis=1))
     return rates

@@ -256,3 +256,22 @@ def covariance_of(free: Sequence[Free], normal: Normal) -> Array:
     d = np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H / np.outer(d, d), rcond=_CONDITION, hermitian=True)
     return inverse / np.outer(d, d) * np.outer(unit, unit)
+
+
+FEWEST_MOVES = 5  # of which a scatter can be told
+
+
+def scatter(free: Sequence[Free], values: Mapping[str, float], normal: Normal) -> Array:
+    """(k,) standard error of each parameter from what moves, left out one at a time, change in it (jackknife) [SI].
+
+    It counts what residuals of a move have in common, however long: a model that is off by a little is off in every sample
+    of it. Zeros where too few moves tell of a parameter: without the one that does, nothing of it is left.
+    """
+    moves = normal.g.shape[0]
+    told = np.diagonal(normal.H, axis1=1, axis2=2)
+    effective = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    if moves < FEWEST_MOVES:
+        return np.zeros(len(free))
+    left = [np.arange(moves) != m for m in range(moves)]
+    steps = np.array([newton_step(free, values, Normal(*(part[rest] for part in normal))) for rest in left])
+    return scales(free) * np.where(effective < FEWEST_MOVES, 0.0, np.sqrt((moves - 1.0) * steps.var(axis=0)))

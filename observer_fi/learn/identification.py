@@ -58,6 +58,8 @@ _TIMING = tuple(f.name for f in TIMING)
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 # What the command shows and no likelihood asks, with its relative standard error.
 FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 2e-5}
+# Times the supply that is fitted, and nats by which no limit must be worse than it.
+NO_LIMIT, LIMITS_NATS = 2.0, 30.0
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {
@@ -140,6 +142,12 @@ def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
     values = _onsets(parts, material, rig.model, values)
     free = _free(material, values, identified, rig)
     fitted = fit_parts(parts, rig.model, free, values)
+    if "Vmax" in identified and not _limits(parts, rig.model, fitted):
+        identified = identified - {"Rs", "Vmax"}
+        filed = {"Rs": rig.model["Rs"], "Vmax": max(rig.model["Vmax"], fitted.values["Vmax"])}
+        fitted = fit_parts(
+            parts, rig.model, _free(material, values, identified, rig), {**fitted.values, **filed}
+        )
     weak = _weak(fitted, identified)
     if weak:
         fitted = fit_parts(
@@ -364,6 +372,19 @@ def _free(
 def _effect(name: str, value: float) -> Free:
     """An effect that the rig names: free within its physical bounds."""
     return Free(name, 1e-2 * abs(value), *bounds(name, value))
+
+
+def _limits(parts: Sequence[Part], plant: Model, fitted: JointFit) -> bool:
+    """Whether the supply limits any start: without a limit the readings are explained far worse.
+
+    A start that comes near a supply, and no nearer, looks like one that it holds there, and the fit puts the limit upon its peak.
+    """
+    free = {**fitted.values, "Vmax": NO_LIMIT * fitted.values["Vmax"]}
+    more = 0.0
+    for part, nuisance, r in zip(parts, fitted.nuisance, fitted.residuals, strict=True):
+        without = residuals_of(part, plant, free, nuisance)
+        more += 0.5 * float(np.vdot(without, without) - np.vdot(r, r))
+    return more > LIMITS_NATS * float(fitted.inflation.max())
 
 
 def _weak(fitted: JointFit, identified: set[str]) -> set[str]:

@@ -30,6 +30,7 @@ from observer_fi.learn.gauss_newton import (
     point_at,
     project,
     scales,
+    scatter,
     search,
     stepped,
 )
@@ -68,7 +69,8 @@ class JointFit:
     """values and covariance (k, k) of `free`; per part residuals (N, 3) (z - y) / std and nuisance (M, 2) A, m.
 
     columns (k, N, 3) and around (2, N, 3) over the rows of all parts: changes of the normalised readings for one step of a
-    parameter, and of the two numbers of a move. objective [nats].
+    parameter, and of the two numbers of a move. objective [nats]. inflation (k,) of the variances, for residuals that are not
+    white or differ from move to move.
     """
 
     values: dict[str, float]
@@ -77,7 +79,7 @@ class JointFit:
     residuals: list[Array]
     nuisance: list[Array]
     objective: float
-    inflation: float
+    inflation: Array
     columns: Array
     around: Array
     plant: Model
@@ -368,14 +370,18 @@ def fit_parts(
     columns, around = problem.columns(point)
     r = [point.residuals[rows] for rows in problem.rows]
     factor = max(inflation(p.experiment, e) for p, e in zip(parts, r, strict=True))
+    normal = project(problem, columns, around, point)
+    covariance = covariance_of(problem.free, normal) * factor
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    wider = np.maximum(scatter(problem.free, point.values, normal) / std, 1.0)
     return JointFit(
         point.values,
         problem.free,
-        covariance_of(problem.free, project(problem, columns, around, point)) * factor,
+        covariance * np.outer(wider, wider),
         r,
         [point.nuisance[moves] for moves in problem.moves],
         point.objective,
-        factor,
+        factor * wider**2,
         columns,
         around,
         plant,
@@ -391,7 +397,7 @@ def profile_interval(parts: Sequence[Part], fitted: JointFit, name: str) -> tupl
 
 def _crossing(parts: Sequence[Part], fitted: JointFit, name: str, value: float, reach: float) -> float:
     """Where the profile has risen by 1.92 nats (times the inflation), by secant on its square root."""
-    goal = 0.5 * Z95**2 * fitted.inflation
+    goal = 0.5 * Z95**2 * float(fitted.inflation[[f.name for f in fitted.free].index(name)])
     for _ in range(4):
         rise = _profile(parts, fitted, name, value + reach) - fitted.objective
         if not math.isfinite(rise) or rise <= 0.0:

@@ -95,17 +95,18 @@ def recover_command(log: Log, model: Model) -> Log:
 def _on_while_stalled(log: Log, w_cmd: Array) -> Array:
     """`w_cmd`, which goes on where a motor stands that is driven harder than it was in motion: that is a stall, and no rest.
 
-    The ring after a stop is over sooner.
+    The ring after a stop is over sooner. What the current did not drive, a ring or what a failed sensor shows, is no motion
+    that could stall.
     """
     i, w_cmd = np.nan_to_num(filled(log.z[:, 1])), w_cmd.copy()
     before = 0
-    for a, b in constant_runs((w_cmd != 0.0).astype(np.int8)):
+    for a, b in constant_runs(np.sign(w_cmd).astype(np.int8)):
         if w_cmd[a] != 0.0:
             before = a
         elif a > 0:
             way = float(np.sign(w_cmd[a - 1]))
             usual = float(np.median(way * i[(before + a) // 2 : a]))
-            harder = way * i[a:b] > STALLED * max(usual, 0.0)
+            harder = (way * i[a:b] > STALLED * usual) & (usual > 0.0)
             first = int(np.argmax(harder))
             over = np.flatnonzero(~harder[first:])
             until = first + int(over[0]) if over.size else b - a

@@ -49,7 +49,8 @@ class AsLogged:
         as_filed = (
             self.day.usual and (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
         )
-        self.rig = rig if as_filed and not known.step.any() and not any(self.late) else known
+        whole = "voltage_v" in rig.watched.columns or bool(np.isfinite(log.z[:, 0]).any())
+        self.rig = rig if as_filed and whole and not known.step.any() and not any(self.late) else known
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         self.set_back = SetBack(self.late)
 

@@ -320,7 +320,7 @@ class Diagnosis:
             self.isolator.channels.lacks("voltage") and not self.rig.watched.servo
         ):  # a known servo tells its motor
             alike = self.settings.decision.alike
-            finished = [without_voltage(e, self.memory, self.rig, alike) for e in finished]
+            finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         events = tuple(handed_on(finished))
         verdict = log_verdict(list(events))
         foreign = wrong_rig(verdict, events, found.consistency, self.suspects or ())

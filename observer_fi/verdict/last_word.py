@@ -256,9 +256,11 @@ class LastWord:
         """
         if not paths or not self._fits(paths[0], whole, event):
             return []
-        if event.label not in (NOMINAL, UNKNOWN) and paths[0].hypothesis.label == UNKNOWN:
+        sure = event.label not in (NOMINAL, UNKNOWN)
+        if sure and paths[0].hypothesis.label == UNKNOWN:
             return []
-        stories = [story for p in paths if self._fits(p, whole, event) for story in self._stories(p, whole)]
+        told = [p for p in paths if not (sure and p.hypothesis.label == UNKNOWN)]
+        stories = [story for p in told if self._fits(p, whole, event) for story in self._stories(p, whole)]
         return [story for story in stories if measured(story, whole)]
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:

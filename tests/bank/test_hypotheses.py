@@ -215,3 +215,18 @@ def test_a_fault_on_top_of_another_one_keeps_what_that_left_behind() -> None:
     assert on_top(slip, gone) is gone  # the motor turns without the mass
     assert on_top(slip, same) is same  # the share lost is one constant
     assert on_top(HYPOTHESES[0], jam) is jam
+
+
+def test_a_sensor_that_is_not_there_does_not_fail() -> None:
+    voltage = next(j for j, h in enumerate(HYPOTHESES) if h.name == "sensor:voltage")
+    usual, without = (
+        transition_rates(HYPOTHESES, BankSettings()),
+        transition_rates(HYPOTHESES, BankSettings(), (0,)),
+    )
+    assert (
+        usual[0, voltage] > 0.0
+        and (without[:, voltage][without[:, voltage] > 0.0] < 1e-9 * usual[0, voltage]).all()
+    )
+    np.testing.assert_allclose(without.sum(axis=1), 0.0, atol=1e-12)
+    others = [j for j in range(1, len(HYPOTHESES)) if j != voltage]
+    np.testing.assert_array_equal(without[0, others], usual[0, others])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaigns import NOISE, RIG, campaign
 
-from observer_fi.learn.gauss_newton import Free
+from observer_fi.learn.gauss_newton import FEWEST_MOVES, Free, Normal, scatter
 from observer_fi.learn.move_data import prepare, select, simulate
 from observer_fi.learn.output_error import fit, without_moves
 from observer_fi.logs.moves import moves_from_rest
@@ -117,3 +117,20 @@ def test_more_steps_in_a_transient_change_little():
     still = np.zeros((experiment.moves, 2))
     y = [simulate(replace(experiment, steps=n), RIG.model, still) for n in (2, 8, 32)]
     assert np.abs((y[1] - y[2]) / NOISE).max() < 0.3 * np.abs((y[0] - y[2]) / NOISE).max()
+
+
+def test_what_differs_from_move_to_move_widens_a_standard_error() -> None:
+    free, moves = [Free("J", 0.1)], 20
+    own = np.random.default_rng(2).normal(
+        1.0, 0.3, moves
+    )  # of each move, that counts as 400 samples of a unit step
+    normal = Normal(
+        np.full((moves, 1, 1), 400.0),
+        400.0 * (own - own.mean())[:, None],
+        np.zeros((moves, 2)),
+        np.zeros((moves, 2, 1)),
+    )
+    expected = 0.1 * own.std(ddof=1) / np.sqrt(moves)
+    assert scatter(free, {"J": 0.0}, normal)[0] == pytest.approx(expected, rel=1e-6)
+    few = Normal(*(part[: FEWEST_MOVES - 1] for part in normal))
+    assert scatter(free, {"J": 0.0}, few)[0] == 0.0

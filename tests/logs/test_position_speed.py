@@ -106,3 +106,14 @@ def test_a_motor_that_stands_and_is_driven_harder_is_not_at_rest(factor: float, 
     w_cmd = recover_command(log, MODEL).w_cmd
     assert (w_cmd[(t > 0.6) & (t < 1.15)] != 0.0).all()
     assert bool((w_cmd[(t > 1.3) & (t < 1.9)] != 0.0).all()) is stalls and (w_cmd[t > 2.1] == 0.0).all()
+
+
+@pytest.mark.parametrize("shown", [0.0, 0.05])
+def test_what_the_current_did_not_drive_is_no_stall(shown: float) -> None:
+    """A voltage that drops out shows a speed that the current contradicts; the rest after the stop is a rest."""
+    t, Rm, Km = np.arange(0.0, 2.5, 2e-3), MODEL["Rm"], MODEL["Km"]
+    w = np.where((t > 0.5) & (t < 1.5), 200.0, 0.0)
+    i = np.where(w > 0.0, MODEL["A"] / Km, 1e-5 * np.sin(1e3 * t) - 1e-5)
+    V = np.where(t < 1.0, Rm * i + Km * w, shown * Km * 200.0)
+    w_cmd = recover_command(position_only(t, i, np.cumsum(w) * 2e-3 * MODEL["D"], V), MODEL).w_cmd
+    assert (w_cmd[(t > 0.6) & (t < 0.95)] != 0.0).all() and (w_cmd[t > 1.7] == 0.0).all()

@@ -117,3 +117,33 @@ def test_a_drive_that_logs_no_voltage(seed: int) -> None:
         assert isolation is not None
         verdict = isolation.verdict
         assert verdict.label == label or (label in verdict.alike and verdict.probability < 0.95)
+
+
+def quantised(share: float, dead: bool) -> Any:
+    """A bank whose current of 20 mA is read in steps of 1 mA, and is multiplied at 2 s; a dead one stands from there on."""
+    memory = bank(share)
+    t, i = memory.recent.t, memory.recent.z[:, 1]
+    i[:] = np.where((t > 2.0) & dead, 0.02 * share, np.round(i, 3))
+    return memory
+
+
+@pytest.mark.parametrize("said", [("coupling_loss", None), ("sensor_fault", "position"), ("nominal", None)])
+def test_a_current_that_stands_to_the_last_digit_is_that_of_a_dead_sensor(
+    said: tuple[str, str | None],
+) -> None:
+    logged: Any = SimpleNamespace(
+        model=RIG.model, spread=RIG.spread, logger=object(), repeats=np.array([0.0, 0.3, 0.0])
+    )
+    dead = without_voltage(event(*said), quantised(1.0, True), logged, ALIKE)
+    assert (dead.label, dead.channel) == ("sensor_fault", "current")
+    assert dead.onset_s == pytest.approx(2.0, abs=0.02) and sum(dead.posterior.values()) == pytest.approx(1.0)
+    alive = without_voltage(event(*said), quantised(1.0, False), logged, ALIKE)
+    assert (alive.label, alive.channel) != ("sensor_fault", "current")
+    logged.repeats[1] = 0.99  # a logger whose readings stand at rest, too
+    assert without_voltage(event("nominal", None), quantised(1.0, True), logged, ALIKE).label == "nominal"
+
+
+def test_a_current_that_reads_more_may_also_be_more() -> None:
+    misread = event("sensor_fault", "current")
+    assert without_voltage(misread, bank(1.5), RIG, ALIKE).alike == ("jam",)
+    assert without_voltage(misread, bank(0.3), RIG, ALIKE) is misread  # no jam takes less

@@ -8,6 +8,7 @@ import numpy as np
 from observer_fi.bank import Bank
 from observer_fi.physics import Rig
 from observer_fi.records import Array, Event
+from observer_fi.verdict.drift import mostly
 
 # By the label and channel of a verdict: what has the same position and nearly the same current. A position that stands, or a
 # mass that does, whatever the motor turns (an obstacle that takes all the travel); a current that is more, or reads more: the one
@@ -19,7 +20,9 @@ SAME_WITHOUT_VOLTAGE: dict[tuple[str, str | None], tuple[tuple[str, str | None],
     ("slip", None): (("coupling_loss", None), ("sensor_fault", "position")),
     ("jam", None): (("sensor_fault", "current"),),
     ("unknown", None): (("sensor_fault", "current"),),
+    ("sensor_fault", "current"): (("jam", None),),
 }
+MISREAD = "sensor_fault", "current"
 OF_CURRENT = ("jam", "unknown")
 _WHY = {
     "coupling_loss": "the current changed as the position stopped: the load is gone, and not the sensor alone",
@@ -37,6 +40,11 @@ STANDS = 0.03  # of the speed before: a mass that is slower stands
 RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
 
 
+# A current that stays the same to the last digit for so long in motion that noise does so once in e^30 is that of a dead
+# sensor; its noise repeats a reading at least half the time, as far as that is allowed for.
+DEAD_NATS, REPEATS = 30.0, 0.5
+
+
 class _Around(NamedTuple):
     """What is around an onset. change: of the steady current, relative, None where it is not seen; noise: its standard error;
     stands: whether the position does, None where that is not seen.
@@ -52,10 +60,16 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
 
     alike: probability from which another label is named beside the verdict's.
     """
+    stuck = stuck_current(event, bank, rig)
+    if stuck is not None:
+        return _of_current(event, *stuck)
     key = event.label, event.channel
     others = SAME_WITHOUT_VOLTAGE.get(key, ())
     if not others:
         return event
+    if key == MISREAD:
+        same = dict.fromkeys((key, *others), 0.0)
+        return event if _fallen(event, bank) else _shared(event, same, alike)
     if event.label in OF_CURRENT:
         return _or_misread(event, alike)
     seen = _around(event, bank)
@@ -68,6 +82,37 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
         return event
     nats = {other: _density(other[0], seen, rig) for other in (key, *others)}
     return _shared(event, nats, alike)
+
+
+def stuck_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | None:
+    """The last sample of a move before its current stood still to the last digit, and the first one after [s], if it did.
+
+    It stands until the move is over, and for longer in motion than the noise of its logger can repeat itself.
+    """
+    recent = bank.recent
+    if recent is None or rig.logger is None:
+        return None
+    there = (recent.t >= event.start_s) & (recent.t <= event.end_s) & np.isfinite(recent.z[:, 1])
+    t, i, moving = recent.t[there], recent.z[there, 1], recent.active[there]
+    changes = np.flatnonzero(np.diff(i))
+    first = int(changes[-1]) + 1 if changes.size else 0
+    share = min(max(float(rig.repeats[1]), REPEATS), 1.0)
+    repeated = max(int(moving[first:].sum()) - 1, 0)
+    if not first or -repeated * math.log(share) < DEAD_NATS:
+        return None
+    return float(t[first - 1]), float(t[first])
+
+
+def _of_current(event: Event, before: float, since: float) -> Event:
+    """The event as that of a dead current sensor."""
+    if (event.label, event.channel) == MISREAD:
+        return event
+    posterior = mostly("sensor_fault", event)
+    return event._replace(
+        label="sensor_fault", channel="current", probability=posterior["sensor_fault"], posterior=posterior, alike=(),
+        onset_s=since, onset_interval_s=(before, since), over_s=None, severity=(), then=(),
+        reasons=("the current stands still to the last digit, which no sensor that works does",),
+    )  # fmt: skip
 
 
 def _or_misread(event: Event, alike: float) -> Event:
@@ -140,6 +185,19 @@ def _around(event: Event, bank: Bank) -> _Around:
         return _Around(None, 0.0, stands)
     noise = math.hypot(after[1], before[1]) / abs(before[0])
     return _Around(after[0] / before[0] - 1.0, noise, stands)
+
+
+def _fallen(event: Event, bank: Bank) -> bool:
+    """Whether the current is less after an onset than before it, of which a jam is no cause."""
+    recent, onset = bank.recent, event.onset_s
+    if recent is None or onset is None:
+        return False
+    since, i = recent.t - onset, np.where(recent.active, recent.z[:, 1], np.nan)
+    before = _mean(i[(since > -BEFORE_S[0]) & (since < -BEFORE_S[1])])
+    after = _mean(i[(since > AFTER_S[0]) & (since < AFTER_S[1])])
+    return (
+        before is not None and after is not None and after[0] * math.copysign(1.0, before[0]) < abs(before[0])
+    )
 
 
 def _slope(t: Array, x: Array) -> float | None:
