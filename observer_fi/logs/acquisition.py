@@ -7,6 +7,7 @@ the first sample on: the rest before the first move has the say, later ones coun
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Clo
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
 SETTLED_S = 0.3  # after a stop, until a rest is one
+SET_UP_DEG = 1.0  # of the pitch from one sample to the next: nobody tilts a rig so fast while it moves
 FOREIGN = 5.0  # times its noise: a logger that a rig file does not know
 SPIKE = 6.0  # standard deviations, at rest
 # By which a spike is off its neighbours: standard deviations, and times their distance from each other.
@@ -55,7 +57,8 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
     part = slice(0, LONGEST)
     t, z, w = log.t[part], log.z[part], log.w_cmd[part]
-    rests = [undriven(rest, z) for rest in rests_of(t, w)]
+    pitch = log.pitch[part]
+    rests = [undriven(still, z) for rest in rests_of(t, w) for still in as_set_up(rest, pitch)]
     rests = [rest for rest in rests if rest.stop - rest.start >= FEWEST]
     voltage, current, position = (
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
@@ -88,6 +91,12 @@ def rests_of(t: Array, w_cmd: Array) -> list[slice]:
         if end - begin >= FEWEST:
             found.append(slice(int(begin), int(end)))
     return found
+
+
+def as_set_up(rest: slice, pitch: Array) -> list[slice]:
+    """The parts of a rest between jumps of the pitch: a rig that is set up anew as it stands is driven to hold the new load."""
+    jumps = np.flatnonzero(np.abs(np.diff(pitch[rest])) > SET_UP_DEG) + 1 + rest.start
+    return [slice(int(a), int(b)) for a, b in pairwise((rest.start, *jumps.tolist(), rest.stop))]
 
 
 def undriven(rest: slice, z: Array) -> slice:

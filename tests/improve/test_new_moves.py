@@ -1,5 +1,6 @@
 """Which rig is handed over, effects too gross for a refit, and no silence about a misfit, on the independent truth."""
 
+import sys
 from dataclasses import replace
 
 import hidden
@@ -9,11 +10,13 @@ import pytest
 from campaigns import campaign
 
 from observer_fi.improve import Improvement, improve, to_json
-from observer_fi.improve.new_moves import BEHIND, MOST_MOVES, Count, best_of, counted
+from observer_fi.improve.new_moves import MOST_MOVES, SHOWN, Count, as_one_log, best_of, counted
 from observer_fi.logs import log_from_frame
-from observer_fi.physics import load_rig, with_values
+from observer_fi.physics import Rig, load_rig, with_values
+from observer_fi.records import Array, Log, Segment
 
 RIG = load_rig()
+NEW_MOVES = sys.modules["observer_fi.improve.new_moves"]
 
 
 def improved(seed: int, cause: str | None, size: float) -> Improvement:
@@ -40,13 +43,55 @@ def test_json_counts_new_moves_and_says_what_noise_would_leave(rippled: Improvem
     assert table["extended"]["nll_per_sample"] == pytest.approx(table["extended"]["noise_floor_nll"], abs=0.1)
 
 
-def test_a_rig_that_is_far_behind_is_asked_no_more() -> None:
+def test_a_later_rig_is_asked_until_it_can_no_longer_be_handed_over() -> None:
     better = with_values(RIG, {"A": 5e-4})
-    rigs = {"worse": lambda m: RIG, "better": lambda m: better}
-    moves = [(m, campaign()) for m in range(7)]
-    found = counted(rigs, moves, lambda part, rig: rig is RIG)
-    assert found == {"worse": Count(BEHIND, BEHIND), "better": Count(7, 0)}
-    assert counted(rigs, moves, lambda part, rig: True) == dict.fromkeys(rigs, Count(7, 7))
+    moves = [(m, campaign()) for m in range(9)]
+
+    def found(first: int, later: int) -> dict[str, Count]:
+        """By rig what is counted where so many moves, the first ones asked about, are called faulty."""
+        left = {"first": first, "later": later}
+
+        def is_alarm(part: Log, rig: Rig) -> bool:
+            name = "first" if rig is better else "later"
+            left[name] -= 1
+            return left[name] >= 0
+
+        with pytest.MonkeyPatch.context() as here:
+            here.setattr(NEW_MOVES, "_TOGETHER", 1)  # one after another
+            return counted({"first": lambda m: better, "later": lambda m: RIG}, moves, is_alarm)
+
+    assert found(0, 9) == {"first": Count(9, 0), "later": Count(SHOWN, SHOWN)}
+    assert found(1, 0) == {"first": Count(9, 1), "later": Count(SHOWN, 0)}
+    assert found(7, 2) == {"first": Count(9, 7), "later": Count(9, 2)}
+    assert found(7, 9) == {"first": Count(9, 7), "later": Count(6, 6)}
+
+
+def test_moves_for_the_record_are_spread_over_the_logs() -> None:
+    better, asked = with_values(RIG, {"A": 5e-4}), []
+    moves = [(m, campaign()) for m in range(12)]
+
+    def later(m: int) -> Rig:
+        asked.append(m)
+        return RIG
+
+    counted({"first": lambda m: better, "later": later}, moves, lambda part, rig: False)
+    assert asked == [0, 3, 6, 9]
+
+
+def test_a_move_as_one_log_begins_settled_and_ends_before_the_rig_is_set_up_anew() -> None:
+    move = Segment(rest=100, start=500, stop=900, end=1300, peak=1.0, pitch=0.0)
+    rows, level = slice(100, 1300), np.zeros(1300)
+
+    def tilted(k: int) -> Array:
+        return np.where(np.arange(1300) < k, 0.0, 30.0)
+
+    assert as_one_log(rows, move, level, 80, 50) == slice(180, 1300)  # the stop before it has rung
+    assert as_one_log(rows, move, tilted(300), 80, 50) == slice(380, 1300)
+    assert as_one_log(rows, move, tilted(480), 80, 50) == slice(450, 1300)  # a rest is left
+    assert as_one_log(rows, move, tilted(1000), 80, 50) == slice(180, 1000)
+    assert as_one_log(slice(0, 1300), move._replace(rest=0), level, 80, 50) == slice(
+        0, 1300
+    )  # the log begins at rest
 
 
 @pytest.mark.parametrize(

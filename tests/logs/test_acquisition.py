@@ -151,6 +151,20 @@ def test_a_voltage_that_rises_before_friction_lets_go_is_no_noise(seed: int, ste
     assert found.correlation_s is None and found.offset == pytest.approx(0.0, abs=0.5 * SIGMA[0])
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_rig_that_is_set_up_anew_as_it_stands_has_no_noise_of_that(seed: int) -> None:
+    """The motor takes up the load of the new pitch within a few milliseconds."""
+    log = signal(seed)
+    k = rests_of(log.t, log.w_cmd)[0].stop // 2
+    taken_up = 1.0 - np.exp(-np.maximum(log.t - log.t[k], 0.0) / 0.005)
+    z, pitch = log.z.copy(), np.where(np.arange(log.t.size) < k, 0.0, 30.0)
+    z[:, :2] += 200.0 * SIGMA[:2] * taken_up[:, None]
+    found = acquisition_of(replace(log_of(log.t, z), pitch=pitch), SIGMA)
+    for c in range(2):
+        assert found[c].noise_std == pytest.approx(SIGMA[c], rel=0.15)
+        assert found[c].as_white == pytest.approx(SIGMA[c], rel=0.15) and found[c].correlation_s is None
+
+
 # --- steps ---------------------------------------------------------------------------------------
 
 
