@@ -259,8 +259,8 @@ def main() -> None:
 TEXT = """# What changed: simulated lives
 
 Written by `pipelines/trend_lives.py` against the independent truth of `tests/hidden`. A life is {logs} logs of five seconds, no
-baseline given (the first logs are it); what happens begins at log {onset}; false alarms at {rate:g} a log. Friction and winding scatter
-by 2 % from log to log, pitch and speed are drawn anew for each. An actuator's lives share the logs before the change; its
+baseline given (the first logs are it); what happens begins at log {onset}; false alarms at {rate:g} a log. Friction and winding
+scatter by 2 % from log to log, pitch and speed are drawn anew for each. An actuator's lives share the logs before the change; its
 unchanged life is told in {orders} orders of its logs.
 
 {summary}

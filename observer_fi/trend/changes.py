@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from observer_fi.records import Array
-from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
+from observer_fi.trend.baseline import ALL, Baseline, Departure
 from observer_fi.trend.table import SIGNED, Table, regressors
 
 STEP, DRIFT = "step", "drift"
@@ -308,7 +308,5 @@ def as_departure(change: Change, baseline: Baseline, level: Array) -> Departure:
     z = change.size[which] / change.std[which]
     full = np.zeros(len(baseline.names))
     full[which] = z
-    distance = {
-        g: float(full[r] @ full[r]) / r.size for g, r in groups_of(baseline.names).items() if g != ALL
-    }
+    distance = {g: float(full[r] @ full[r]) / r.size for g, r in baseline.groups.items() if g != ALL}
     return Departure(which, before, before + change.size[which], change.std[which], z, distance)
