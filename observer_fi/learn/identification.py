@@ -60,6 +60,7 @@ DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 2e-5}
 # Times the supply that is fitted, and nats by which no limit must be worse than it.
 NO_LIMIT, LIMITS_NATS = 2.0, 30.0
+GAINS = ("Kp", "Ki")
 OFFSET_SHOWS = 3.0  # standard errors from which on a torque offset belongs into the rig
 
 RECORD = {
@@ -138,8 +139,7 @@ def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
             f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"
         )
     identified = identifiable(material, parts, rig.model)
-    values = _start_values(material, start, rig)
-    values = _onsets(parts, material, rig.model, values)
+    values = _beginning(parts, material, start, rig)
     free = _free(material, values, identified, rig)
     fitted = fit_parts(parts, rig.model, free, values)
     if "Vmax" in identified and not _limits(parts, rig.model, fitted):
@@ -302,6 +302,25 @@ def _start_values(material: Sequence[Material], found: Mapping[str, float], rig:
             name = f"x_stop_{side}" if len(material) == 1 else f"x_stop_{side}@{k}"
             values[name] = stop
     return values
+
+
+def _beginning(
+    parts: Sequence[Part], material: Sequence[Material], start: Mapping[str, float], rig: Rig
+) -> dict[str, float]:
+    """Start values with the closed forms' gains or with the rig's, whichever leaves less: gains of a third of the true ones
+    pass as plausible, and led one fit of a hundred into a minimum far off.
+    """
+    own = {n: v for n, v in start.items() if n not in GAINS}
+    starts = [start] if len(own) == len(start) else [start, own]
+    begun = [_onsets(parts, material, rig.model, _start_values(material, s, rig)) for s in starts]
+    return min(begun, key=lambda values: _left(parts, rig.model, values)) if len(begun) > 1 else begun[0]
+
+
+def _left(parts: Sequence[Part], plant: Model, values: Mapping[str, float]) -> float:
+    """Sum of squares that these values leave of all parts; infinite where they cannot be simulated."""
+    r = [residuals_of(p, plant, values, np.zeros((p.experiment.moves, 2))) for p in parts]
+    total = sum(float(np.vdot(one, one)) for one in r)
+    return total if math.isfinite(total) else math.inf
 
 
 def _highest(log: Log, Rs: float) -> float:

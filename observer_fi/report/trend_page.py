@@ -13,10 +13,21 @@ from observer_fi.logs import readable, with_unit
 from observer_fi.records import Array
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
-from observer_fi.trend import CHANGED, NOT_TESTED, UNCHANGED, Finding, Judged, Trend, in_words
+from observer_fi.trend import (
+    CHANGED,
+    NOT_TESTED,
+    UNCHANGED,
+    Compared,
+    Finding,
+    Judged,
+    Trend,
+    in_percent,
+    in_words,
+)
 
 SCHEMA = "observer-fi/trend/1"
 COLOURS = {UNCHANGED: "#3d6fa8", CHANGED: "#b3261e", NOT_TESTED: "#8a929b"}
+FIRST_NAMED = 3  # of what differs between a few logs
 LANES = 12  # shown at once; the others stand below, folded
 
 
@@ -67,8 +78,22 @@ def trend_json(found: Trend, bad: list[str]) -> dict[str, Any]:
             for a in found.aheads
         ],
         "detectable": {n: {"step": _plain(d), "unit": u} for n, d, u in zip(b.names, seen, b.units, strict=False)},
+        "scatter_known": not found.assumed,
+        "compared": [_compared(c) for c in found.compared],
         "unreadable": bad,
         "versions": versions(),
+    }  # fmt: skip
+
+
+def _compared(c: Compared) -> dict[str, Any]:
+    return {
+        "path": c.path,
+        "quantities": [
+            {"name": d.name, "unit": d.unit, "from": _plain(d.before), "from_std": _plain(d.before_std), "to": _plain(d.after),
+             "to_std": _plain(d.after_std), "size": _plain(d.size), "std": _plain(d.std), "sigmas": _plain(d.sigmas),
+             "differs": d.differs}
+            for d in c.differences
+        ],
     }  # fmt: skip
 
 
@@ -137,12 +162,41 @@ def headline(found: Trend) -> str:
     changed = sum(j.verdict == CHANGED for j in tested)
     untested = len(found.logs) - len(tested)
     rest = f", {untested} not tested" if untested else ""
+    if found.assumed:
+        return _few_headline(found)
     if found.findings:
         return f"{'; '.join(f.words for f in found.findings)} ({changed} of {len(tested)} logs changed{rest})"
     what = (
         f"{changed} of {len(tested)} logs changed" if changed else f"none of {len(tested)} logs has changed"
     )
     return f"{what}{rest}"
+
+
+def _few_headline(found: Trend) -> str:
+    """What differs in the last of a few logs, and that no scatter is known."""
+    last = found.compared[-1:]
+    differ = [d for c in last for d in c.differences if d.differs]
+    alike = sum(len(c.differences) for c in last) - len(differ)
+    named = ", ".join(
+        f"{in_words(d.name)} {in_percent(d) or _moved(d.size, d.unit)} ({abs(d.sigmas):.0f} σ)"
+        for d in differ[:FIRST_NAMED]
+    )
+    more = f" and {len(differ) - FIRST_NAMED} more" if len(differ) > FIRST_NAMED else ""
+    beyond = (
+        f"beyond the noise of the logs differ {named}{more}"
+        if differ
+        else "no difference beyond the noise of the logs"
+    )
+    told = "; ".join(f.words for f in found.findings) or _few_verdict(found)
+    return f"{told}. {beyond[0].upper()}{beyond[1:]}; {alike} quantities do not; {found.assumed}"
+
+
+def _few_verdict(found: Trend) -> str:
+    """What is said where the last of a few logs shows no change."""
+    last = found.logs[-1]
+    if last.verdict == NOT_TESTED:
+        return f"{_short(last.digest.path)} is not tested: {last.reason}"
+    return "No change beyond what sound runs may differ by"
 
 
 def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = NONE, fleet: str = "") -> str:
@@ -157,7 +211,7 @@ def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = N
             score=score_chart(found, reports), reports=reports, fleet=fleet,
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
             colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit, level=_level, moved=_moved,
-            short=_short,
+            short=_short, percent=in_percent,
         )
     )  # fmt: skip
 

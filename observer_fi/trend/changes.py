@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from observer_fi.records import Array
-from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
+from observer_fi.trend.baseline import ALL, Baseline, Departure
 from observer_fi.trend.table import SIGNED, Table, regressors
 
 STEP, DRIFT = "step", "drift"
@@ -113,11 +113,10 @@ def _scales(names: tuple[str, ...], X: Array, table: Table) -> tuple[tuple[str, 
 def _found(work: Array, X: Array, time: Array, rate: float, healthy: int, signed: list[int]) -> list[Change]:
     """Changes one after the other; each time the earlier ones are looked for again beside the new one, and may go."""
 
-    def beside(others: list[Change]) -> Change | None:
+    def beside(others: list[Change], by: int = 0) -> Change | None:
         taken = [c.since for c in others]
-        return _next(
-            work, X, np.column_stack([X, *_columns(others, X, time)]), time, rate, healthy, signed, taken
-        )
+        columns = _columns(others, X, time, by)
+        return _next(work, X, np.column_stack([X, *columns]), time, rate, healthy, signed, taken)
 
     changes: list[Change] = []
     while len(changes) < MOST_CHANGES:
@@ -127,16 +126,18 @@ def _found(work: Array, X: Array, time: Array, rate: float, healthy: int, signed
         changes.append(new)
         for old in changes[:-1]:
             others = [c for c in changes if c is not old]
-            again = beside(others)
+            again = beside(others, old.by)
             changes = others if again is None else [again if c is old else c for c in changes]
     return changes
 
 
-def _columns(changes: list[Change], X: Array, time: Array) -> tuple[Array, Array]:
-    """(n, c) a column for each change, and (n, e) what else they do under other conditions."""
+def _columns(changes: list[Change], X: Array, time: Array, by: int = 0) -> tuple[Array, Array]:
+    """(n, c) a column for each change, and (n, e) what else they do under other conditions, one of them, `by`, left to a change
+    of its own: beside a later step that may take it all, it would be seen no more.
+    """
     mains = [_column(c.kind, c.since, time) * X[:, c.by] for c in changes]
     none = np.zeros((time.size, 0))
-    extra = [_with_conditions(m, X) for c, m in zip(changes, mains, strict=True) if not c.by]
+    extra = [_with_conditions(m, X, by) for c, m in zip(changes, mains, strict=True) if not c.by]
     return np.column_stack([none, *mains]), np.column_stack([none, *extra])
 
 
@@ -189,7 +190,7 @@ def _column(kind: str, since: int, time: Array) -> Array:
     return np.where(after, time - begin, 0.0) / max(float(time[-1] - begin), 1e-300)
 
 
-def _with_conditions(column: Array, X: Array) -> Array:
+def _with_conditions(column: Array, X: Array, by: int = 0) -> Array:
     """(n, e) what else a change does where it acts otherwise under other conditions (friction that grows with the load more than
     before), as far as there are logs enough after it to tell.
     """
@@ -197,7 +198,7 @@ def _with_conditions(column: Array, X: Array) -> Array:
     enough = [
         c
         for c in range(1, X.shape[1])
-        if np.count_nonzero(after) >= PER_CONDITION * X.shape[1] and np.ptp(X[after, c]) > 0.0
+        if c != by and np.count_nonzero(after) >= PER_CONDITION * X.shape[1] and np.ptp(X[after, c]) > 0.0
     ]
     return np.column_stack([column * X[:, c] for c in enough]) if enough else np.zeros((column.size, 0))
 
@@ -308,7 +309,5 @@ def as_departure(change: Change, baseline: Baseline, level: Array) -> Departure:
     z = change.size[which] / change.std[which]
     full = np.zeros(len(baseline.names))
     full[which] = z
-    distance = {
-        g: float(full[r] @ full[r]) / r.size for g, r in groups_of(baseline.names).items() if g != ALL
-    }
+    distance = {g: float(full[r] @ full[r]) / r.size for g, r in baseline.groups.items() if g != ALL}
     return Departure(which, before, before + change.size[which], change.std[which], z, distance)

@@ -4,6 +4,7 @@ the constants leave unexplained.
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,8 @@ from observer_fi.trend.travel import Set, regression
 # current are known by Km alone, and B by the baseline, whose logs differ in pitch.
 ROOM = {"Rm": 0.1, "D": 0.02, "B": 1e-4}
 FASTEST_NEEDED_HZ = 100.0  # of a log whose constants are told from integrals over quarters of a second
-FOLLOWS = (
-    3.0  # noises of the position by which a simulated mass has gone when the measured one counts as behind
-)
+PLAYS = (0.0, 3e-5, 1e-4)  # m, from which the play is sought
+STEPS = 8  # towards it
 FEWEST = 50  # samples of a move that begin to tell play
 CHANNELS = {"current_a": "misfit_current", "position_m": "misfit_position", "speed_rad_s": "misfit_speed"}
 
@@ -36,7 +36,7 @@ def quantities(log: Log, rig: Rig) -> tuple[list[Set], dict[str, str], dict[str,
     log = with_command(log, rig)
     fit = identify([log], _roomy(rig))
     found = [_constants(fit)]
-    found += _play(fit, rig) + _misfit(fit)
+    found += _play(fit) + _misfit(fit)
     return found, dict(fit.not_identifiable), _conditions(log, fit)
 
 
@@ -63,12 +63,55 @@ def _constants(fit: Fit) -> Set:
     )
 
 
-def _play(fit: Fit, rig: Rig) -> list[Set]:
+class _Reversals(NamedTuple):
+    """The moves of a log, one after the other. left (n,) m: measured less simulated position; gone (n,) m: how far the simulated
+    mass has gone; way (n,): +1 or -1 after a reversal, 0 before the first; others (n, 2 + M): what else the position may be
+    off by, as columns: lag, travel per turn, and where each of the M moves began.
+    """
+
+    left: Array
+    gone: Array
+    way: Array
+    others: Array
+
+
+def _play(fit: Fit) -> list[Set]:
     """How far the motor turns at a reversal before the mass follows, and how late the position is seen [m, s].
 
-    A simulated move starts from where the mass stood. After a reversal it falls short of that by the play.
+    A simulated move starts from where the mass stood. After a reversal the mass lags behind it as far as it has gone, and
+    by the play from there on: min(gone, play), fitted by Gauss and Newton's steps from several widths.
     """
-    rows, y, reversed_once = [], [], False
+    log = _reversals(fit)
+    if log is None:
+        return []
+    Q = np.linalg.qr(log.others)[0]
+    width = min((_width(log, Q, start) for start in PLAYS), key=lambda w: _unexplained(log, Q, w))
+    column = -log.way * (log.gone > width)
+    y = log.left + log.way * np.minimum(log.gone, width) + column * width
+    theta, covariance, _ = regression(np.column_stack([column, log.others]), y)
+    return [(("backlash", "position_lag"), ("m", "s"), theta[:2], covariance[:2, :2])]
+
+
+def _width(log: _Reversals, Q: Array, width: float) -> float:
+    """The play of least squares near to this one; Q (n, 2 + M): an orthonormal basis of the other columns."""
+    for _ in range(STEPS):
+        column = -log.way * (log.gone > width)
+        column = column - Q @ (Q.T @ column)
+        square = float(column @ column)
+        if square <= 0.0:
+            break
+        width = max(width + float(column @ (log.left + log.way * np.minimum(log.gone, width))) / square, 0.0)
+    return width
+
+
+def _unexplained(log: _Reversals, Q: Array, width: float) -> float:
+    r = log.left + log.way * np.minimum(log.gone, width)
+    return float(r @ r - np.sum((Q.T @ r) ** 2))
+
+
+def _reversals(fit: Fit) -> _Reversals | None:
+    """The moves of a fit with what precedes them; None where no move turns back."""
+    found = []
     for one in fit.figures.get("fits", []):
         before = 0.0
         for k, peak in enumerate(one["peak"]):
@@ -78,21 +121,15 @@ def _play(fit: Fit, rig: Rig) -> list[Set]:
             known = np.isfinite(left)
             if np.count_nonzero(known) > FEWEST:
                 v = np.gradient(x, one["time"][here])
-                follows = np.abs(x - x[0]) > FOLLOWS * rig.noise["position"]
-                short = -way * follows * (before == -way)
-                rows.append(np.column_stack([short, -v, x - x[0], np.ones(x.size)])[known])
-                y.append(left[known])
-                reversed_once |= before == -way
+                gone = np.maximum(way * (x - x[0]), 0.0)
+                back = np.full(x.size, way * (before == -way))
+                found.append(np.column_stack([left, gone, back, -v, x - x[0]])[known])
             before = way
-    if not reversed_once:
-        return []
-    blocks = np.zeros((sum(g.shape[0] for g in rows), 3 + len(rows)))
-    at = 0
-    for k, g in enumerate(rows):
-        blocks[at : at + g.shape[0], :3], blocks[at : at + g.shape[0], 3 + k] = g[:, :3], g[:, 3]
-        at += g.shape[0]
-    theta, covariance, _ = regression(blocks, np.concatenate(y))
-    return [(("backlash", "position_lag"), ("m", "s"), theta[:2], covariance[:2, :2])]
+    if not any(np.any(g[:, 2]) for g in found):
+        return None
+    every = np.concatenate(found)
+    began = np.repeat(np.eye(len(found)), [g.shape[0] for g in found], axis=0)
+    return _Reversals(every[:, 0], every[:, 1], every[:, 2], np.column_stack([every[:, 3:], began]))
 
 
 def _misfit(fit: Fit) -> list[Set]:

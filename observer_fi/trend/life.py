@@ -14,12 +14,13 @@ from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.trend.ahead import Ahead, ahead
 from observer_fi.trend.baseline import UNITS, Baseline, Departure, departure, learn, outside, score_of
-from observer_fi.trend.changes import Change, History, as_departure, history_of
+from observer_fi.trend.changes import STEP, Change, History, as_departure, history_of
 from observer_fi.trend.digests import Digest
+from observer_fi.trend.few import ASSUMED, Difference, differences, from_few, is_few
 from observer_fi.trend.kinds import in_words, kind_of
 from observer_fi.trend.naming import MISFIT, Named, named, ratio_words
 from observer_fi.trend.order import LOGS, ordered
-from observer_fi.trend.rig_baseline import from_rig
+from observer_fi.trend.rig_baseline import from_rig, rig_as_table
 from observer_fi.trend.table import Table, periods_of, table_of
 
 UNCHANGED, CHANGED, NOT_TESTED = "unchanged", "changed", "not_tested"
@@ -78,10 +79,19 @@ class Finding(NamedTuple):
     words: str
 
 
+class Compared(NamedTuple):
+    """One log beside what it is compared with, the clearest difference first."""
+
+    path: str
+    differences: tuple[Difference, ...]
+
+
 @dataclass(frozen=True)
 class Trend:
     """What changed. logs in order, the baseline's own not among them where they were given apart; history: of all logs, with
-    `paths` in its order, None where they are too few. ordered_by, unit: of the times. baseline_from: in words.
+    `paths` in its order, None where they are too few. ordered_by, unit: of the times. baseline_from: in words. assumed: what is
+    assumed where logs are too few to tell how much runs differ, "" where they tell it; compared: each of them then, quantity by
+    quantity.
     """
 
     rate: float
@@ -97,6 +107,8 @@ class Trend:
     ordered_by: str
     unit: str
     periods: tuple[float, ...]
+    assumed: str = ""
+    compared: tuple[Compared, ...] = ()
 
 
 def trend(
@@ -111,16 +123,10 @@ def trend(
     told = [d for d in logs if d.names]
     mine, times, by, unit = ordered(told)
     before = [d for d in ordered(list(healthy))[0] if d.names]
-    if healthy:
-        source, text = before, f"{len(before)} logs given as healthy"
-    elif baseline_rig is not None:
-        source, text = (
-            mine,
-            f"the constants of rig {baseline_rig.name}, with the scatter that neighbouring logs have",
-        )
-    else:
-        source = mine[: max(FIRST_LEAST, min(FIRST_MOST, len(mine) // FIRST_SHARE))]
-        text = f"the first {len(source)} logs, as no baseline was given"
+    source, text = _source(mine, before, baseline_rig)
+    few = is_few(len(mine)) and (
+        baseline_rig is not None or is_few(len(source)) and len(mine) + len(before) > 1
+    )
     if not source:
         reason = next((f"{d.path}: {r}" for d in (*healthy, *logs) for r in d.missing.values()), "no logs")
         raise UsageError(f"no log tells anything that a baseline could be made of ({reason})")
@@ -128,6 +134,8 @@ def trend(
     reference = table_of(source, periods)
     if baseline_rig is not None and not healthy:
         baseline = from_rig(reference, baseline_rig, rate)
+    elif few:
+        baseline = from_few(reference, rate)
     else:
         baseline = learn(reference, rate, table_of(calibration, periods) if calibration else None)
     known = _known_periods(rig)
@@ -139,10 +147,30 @@ def trend(
     every, all_times, by, unit = _with_healthy(mine, times, by, unit, before)
     over_time = (every, all_times, periods, baseline, rate, len(before))
     history, findings, aheads = _over_time(*over_time, known, limits or {}, unit)
+    if few and history is None:
+        findings = _lasting(judged, [d.path for d in every])
+        first = reference if baseline_rig is None else rig_as_table(reference, baseline_rig)
+        later = [row for row, d in enumerate(mine) if baseline_rig is not None or d not in source]
+        compared = tuple(Compared(mine[row].path, differences(first, table, row)) for row in later)
     return Trend(
         rate, baseline, text, (*judged, *silent), table, tuple(d.path for d in every), all_times, history, findings,
-        aheads, by, unit, periods,
+        aheads, by, unit, periods, ASSUMED if few else "", compared if few and history is None else (),
     )  # fmt: skip
+
+
+def _source(mine: list[Digest], before: list[Digest], baseline_rig: Rig | None) -> tuple[list[Digest], str]:
+    """The logs that a baseline is made of, and in words what it is."""
+    if before:
+        return before, f"{len(before)} logs given as healthy" if len(
+            before
+        ) > 1 else "one log given as healthy"
+    if baseline_rig is not None:
+        scatter = "an assumed scatter" if is_few(len(mine)) else "the scatter that neighbouring logs have"
+        return mine, f"the constants of rig {baseline_rig.name}, with {scatter}"
+    if is_few(len(mine)):
+        return mine[:1], "the first log, as no baseline was given"
+    source = mine[: max(FIRST_LEAST, min(FIRST_MOST, len(mine) // FIRST_SHARE))]
+    return source, f"the first {len(source)} logs, as no baseline was given"
 
 
 def _with_healthy(
@@ -224,6 +252,30 @@ def _over_time(
     return history, tuple(sorted(findings, key=lambda f: f.row)), aheads
 
 
+def _lasting(judged: Sequence[Judged], paths: Sequence[str]) -> tuple[Finding, ...]:
+    """What changed in the last of a few logs, since the log from which on each one has it."""
+    if not judged or judged[-1].verdict != CHANGED:
+        return ()
+    found = []
+    moved = {m.name: m for m in judged[-1].changed}
+    for cause in judged[-1].causes:
+        mine = [m for m in moved.values() if m.cause == cause.cause]
+        if not mine:
+            continue
+        m = mine[0]
+        since = len(judged) - 1
+        while since > 0 and m.name in {other.name for other in judged[since - 1].changed}:
+            since -= 1
+        row = paths.index(judged[since].digest.path)
+        size = m.after - m.before
+        words = _words(STEP, row, m.name, m.unit, size, m.std, m.before, paths)
+        found.append(Finding(
+            STEP, row, cause.cause, cause.equation, m.name, size, m.std, m.unit, m.before, cause.rivals,
+            tuple(other.name for other in mine), row, row, words,
+        ))  # fmt: skip
+    return tuple(found)
+
+
 def _findings(
     c: Change, baseline: Baseline, history: History, paths: Sequence[str], known: Mapping[str, float]
 ) -> list[Finding]:
@@ -244,7 +296,7 @@ def _findings(
         if c.by:
             result.append(_by_condition(c, at, size, std, baseline, history, paths, names))
             continue
-        words = _words(c, baseline.names[at], baseline.units[at], size, std, before, paths)
+        words = _words(c.kind, c.since, baseline.names[at], baseline.units[at], size, std, before, paths)
         result.append(Finding(
             c.kind, c.since, cause.cause, cause.equation, baseline.names[at], size, std, baseline.units[at], before,
             cause.rivals, names, c.low, c.high, words,
@@ -301,7 +353,7 @@ def _by_condition(
 
 
 def _words(
-    c: Change, name: str, unit: str, size: float, std: float, before: float, paths: Sequence[str]
+    kind: str, since: int, name: str, unit: str, size: float, std: float, before: float, paths: Sequence[str]
 ) -> str:
     """One change in a sentence for a technician."""
     signed = kind_of(name).group in ("ripple", "travel")  # parts of an amplitude: no part of what was before
@@ -309,10 +361,10 @@ def _words(
     if unit == "1":
         percent = f"{100.0 * math.expm1(size):+.0f} %"
     much = percent or with_unit(size, unit, "+")
-    how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[c.kind]
+    how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[kind]
     both = ", in both directions" if name == "A" else ""
     doubt = kind_of(name).doubt
-    return f"{in_words(name)} {much}{both}, {how} {_short(paths, c.since)}{': ' + doubt if doubt else ''}"
+    return f"{in_words(name)} {much}{both}, {how} {_short(paths, since)}{': ' + doubt if doubt else ''}"
 
 
 def _short(paths: Sequence[str], row: int) -> str:

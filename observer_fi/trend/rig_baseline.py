@@ -2,21 +2,18 @@
 what their conditions do. What no rig file gives (how rough the torque is) has the first third of the logs as its mean.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.special import stdtrit
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import Rig
-from observer_fi.trend.baseline import ALL, ROOT, SINGLE_SHARE, Baseline, groups_of
+from observer_fi.trend.baseline import SINGLE_SHARE, Baseline, groups_of, limits_of_normal
+from observer_fi.trend.few import KNOWN, everyday
 from observer_fi.trend.table import Table, regressors
 
-FEWEST = 4  # logs whose neighbours tell a scatter
+FEWEST = 4  # logs whose neighbours tell a scatter; of fewer it is assumed
 NONE = ("backlash", "position_lag")  # a rig whose file is silent has none of these
 EFFICIENCY = 0.37  # of a median of squares
-DRAWS = 50_000
-USUAL = 0.02  # relative scatter from log to log where they are fewer
 
 
 def from_rig(table: Table, rig: Rig, rate: float) -> Baseline:
@@ -40,35 +37,29 @@ def from_rig(table: Table, rig: Rig, rate: float) -> Baseline:
             np.median(np.diff(left, axis=0) ** 2, axis=0) / 2.0 / 0.455
         )  # of a median of chi square
     else:
-        scatter = USUAL * np.abs(mean)
+        scatter = everyday(names, table.units, mean)
     inverse[0], inverse[:, 0] = 0.0, 0.0
     slopes[0] = np.where(given, mean, slopes[0])
     own = np.sqrt(np.nanmedian(table.variance, axis=0))
     scatter = np.sqrt(scatter**2 + std**2 + own**2)
     groups = groups_of(names)
-    freedom = max(round(EFFICIENCY * (len(table.paths) - X.shape[1])), 2)
-    usual, spread = _usual(groups, freedom)
-    found = Baseline(
+    enough = len(table.paths) >= FEWEST
+    freedom = max(round(EFFICIENCY * (len(table.paths) - X.shape[1])), 2) if enough else KNOWN
+    usual, limit = limits_of_normal(groups, freedom, rate)
+    limit_of = float(-stdtrit(freedom, SINGLE_SHARE * rate / (2 * len(names))))
+    return Baseline(
         table, tuple(names), table.units, slopes, np.asarray(inverse, dtype=float), scatter,
         np.zeros_like(slopes), np.minimum(own / scatter, 0.95), {g: np.eye(r.size) for g, r in groups.items()},
-        freedom, usual,
+        freedom, usual, limit, limit_of,
     )  # fmt: skip
-    limit_of = float(-stdtrit(freedom, SINGLE_SHARE * rate / (2 * len(names))))
-    return replace(
-        found,
-        limit=float(np.quantile(spread, 1.0 - max((1.0 - SINGLE_SHARE) * rate, 1e-4))),
-        limit_of=limit_of,
+
+
+def rig_as_table(like: Table, rig: Rig) -> Table:
+    """The rig's constants as the table of one log, with the quantities of other logs; what its file does not give is NaN."""
+    known = [rig.quantities.get(n) for n in like.names]
+    value = np.array(
+        [[np.nan if q is None else rig.model[n] for n, q in zip(like.names, known, strict=True)]]
     )
-
-
-def _usual(groups: dict[str, np.ndarray], freedom: int) -> tuple[dict[str, tuple[float, float]], np.ndarray]:
-    """What is usual of each group's distance for normal scatter, and scores of logs whose scatter is known so well."""
-    rng = np.random.default_rng(0)
-    draws = rng.standard_normal((DRAWS, groups[ALL].size))
-    off = draws / np.sqrt(rng.chisquare(freedom, draws.shape) / freedom)
-    roots = {g: np.mean(draws[:, r] ** 2, axis=1) ** ROOT for g, r in groups.items()}
-    usual = {g: (float(v.mean()), float(v.std())) for g, v in roots.items()}
-    total = np.zeros(DRAWS)
-    for g, r in groups.items():
-        total += np.maximum((np.mean(off[:, r] ** 2, axis=1) ** ROOT - usual[g][0]) / usual[g][1], 0.0) ** 2
-    return usual, np.sqrt(total)
+    variance = np.array([[np.nan if q is None else (q.std or 0.0) ** 2 for q in known]])
+    nothing = np.full((1, len(like.condition_names)), np.nan)
+    return Table((rig.name,), like.names, like.units, value, variance, like.condition_names, nothing)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from observer_fi.numerics import correlation_time, filled, runs
 from observer_fi.physics import Rig
@@ -114,6 +113,8 @@ def _averaged(y: Array, factor: int) -> Array:
 
 
 def _slopes(x: Array, step: float) -> tuple[Array, Array]:
+    from scipy.signal import savgol_filter  # a second to import, for logs that are new
+
     size = max(2 * round(0.5 * SMOOTH_S / step) + 1, 5)
     return tuple(savgol_filter(x, size, 2, deriv=d, delta=step) for d in (1, 2))  # type: ignore[return-value]
 
