@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from observer_fi.improve import Improvement, Residuals, Smooth
+from observer_fi.numerics import readable
 from observer_fi.physics import Curve
 from observer_fi.records import Array, Fit
 from observer_fi.report.interactive import MUTED, Charts, Level, Panel, Series, joined, thinned
@@ -26,12 +27,12 @@ REGRESSORS = {
 }
 _OF_FORCE = {"current": ("commanded force [N]", 1.0)}  # what commands there
 UNITS = {
-    "torque": ("torque", "mN m", 1e3),
-    "electrical": ("resistance", "ohm", 1.0),
-    "kinematics": ("share of travel", "", 1.0),
-    "sensor:position": ("position error", "µm", 1e6),
-    "sensor:current": ("current error", "mA", 1e3),
-    "sensor:voltage": ("voltage error", "mV", 1e3),
+    "torque": ("torque", "N m"),
+    "electrical": ("resistance", "ohm"),
+    "kinematics": ("share of travel", "1"),
+    "sensor:position": ("position error", "m"),
+    "sensor:current": ("current error", "A"),
+    "sensor:voltage": ("voltage error", "V"),
 }
 AXES = {
     "current": "current [A]", "voltage": "terminal voltage [V]", "pitch": "pitch [deg]", "torque": "motor torque [N m]",
@@ -128,7 +129,8 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
     panels = []
     for term in [term for term in terms if term.at.size][:3]:
         label, scale = regressor(residuals, term.regressor)
-        what, unit, factor = UNITS.get(term.equation, (term.equation, "", 1.0))
+        what, unit = UNITS.get(term.equation, (term.equation, "1"))
+        unit, factor = readable(unit, float(np.nanmax(np.abs(term.curve))))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]
         line = Series(what, y, AFTER, 1.8, low=y - band, high=y + band)
@@ -151,7 +153,8 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
 def kept_curve(curve: Curve) -> Charts:
     """The empirical curve of the extended rig at its points, with a band of two standard errors."""
     label, scale = REGRESSORS[curve.regressor]
-    what, unit, factor = UNITS[curve.equation]
+    what, unit = UNITS[curve.equation]
+    unit, factor = readable(unit, max(map(abs, curve.values)))
     x = np.array([scale * (curve.first + k * curve.step) for k in range(len(curve.values))])
     y = np.array([factor * v for v in curve.values])
     band = np.array([2.0 * factor * v for v in curve.std or (0.0,) * y.size])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.logs import readable, with_unit
+from observer_fi.numerics import digits, readable, with_unit
 from observer_fi.records import Array
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
@@ -174,7 +174,7 @@ def _level(value: float, unit: str) -> str:
 
 def _moved(size: float, unit: str) -> str:
     """A change with its sign; of a logarithm in per cent."""
-    return f"{100.0 * math.expm1(size):+.3g} %" if unit == "1" else with_unit(size, unit, "+")
+    return f"{digits(100.0 * math.expm1(size), sign='+')} %" if unit == "1" else with_unit(size, unit, "+")
 
 
 def _least(found: Trend) -> list[tuple[str, float, float, str]]:
@@ -280,7 +280,7 @@ def score_chart(found: Trend, reports: Mapping[str, str] = NONE) -> Charts:
     if not judged:
         return Charts("score", ())
     y, verdicts = np.array([j.score for j in judged]), np.array([j.verdict for j in judged])
-    limit = Level(1.0, f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
+    limit = Level(1.0, f"limit: one false alarm in {digits(1.0 / found.rate, 4)} logs")
     about = "Distance of every log from healthy ones, one dot each; above the dashed line a log has changed."
     x = np.arange(y.size, dtype=np.float64)
     panel = Panel(

@@ -359,7 +359,7 @@ class LastWord:
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
         value, half = scale * value, Z95 * abs(scale) * std
-        return Severity(own.tells, value, (value - half, value + half), unit, own.words.format(value))
+        return Severity(own.tells, value, (value - half, value + half), unit, own.says(value, unit))
 
     def _friction(self, path: Path) -> tuple[float, float]:
         """Friction of the healthy rig as the move has it [N m], and the relative standard deviation of that."""

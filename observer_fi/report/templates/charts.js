@@ -22,14 +22,20 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     return Array.from(raw, v => v > 65534 ? null : packed.low + v * step);
   }
 
+  function digits(value, count) { // significant ones, without an e
+    const rounded = +value.toPrecision(count), short = v => v.replace("-", "\u2212");
+    if (!rounded || (Math.abs(rounded) >= 1e-4 && Math.abs(rounded) < 1e6)) return short(String(rounded));
+    const [mantissa, power] = value.toExponential(count - 1).split("e");
+    return short(String(+mantissa)) + "\u00a0\u00d7\u00a010" + [...power.replace("+", "")].map(c => "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"[c] || "\u207b").join("");
+  }
+
   function shown(value, unit) {
     if (value == null) return "";
-    const text = Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
-    return text.replace("-", "\u2212") + (unit ? "\u00a0" + unit : "");
+    return digits(value, 4) + (unit ? "\u00a0" + unit : "");
   }
 
   function graded(value, step) { // a place on an axis, with the digits that tell it from the next one
-    if (!step || Math.abs(value) >= 1e5 || step < 1e-6) return String(+value.toPrecision(3)).replace("-", "\u2212");
+    if (!step || Math.abs(value) >= 1e5 || step < 1e-6) return digits(value, 3);
     let digits = 0;
     while (digits < 7 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits++;
     return value.toFixed(digits).replace("-", "\u2212");
@@ -181,7 +187,8 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       else if (spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
       if (spec.ticks.length) Object.assign(across, { splits: () => spec.ticks.map(t => t[0]), values: () => spec.ticks.map(t => t[1]), size: 44 });
       const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
-      if (!gradations[spec.scale]) up.values = (u, at, k, space, step) => at.map(v => v == null ? "" : graded(v, step));
+      const linear = !gradations[spec.scale];
+      up.values = (u, at, k, space, step) => at.map(v => v == null ? "" : linear ? graded(v, step) : digits(v, 3));
       if (spec.ticksUp.length) Object.assign(up, { splits: () => spec.ticksUp.map(t => t[0]), values: () => spec.ticksUp.map(t => t[1]) });
       if (gradations[spec.scale]) Object.assign(up, { splits: (u, k, low, high) => gradations[spec.scale](low, high), filter: (u, at) => at });
       this.plot.style.height = "";

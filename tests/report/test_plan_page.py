@@ -1,0 +1,77 @@
+"""The page of a plan: whether it decides in words and figures that agree, and the command as it is written to moves.csv."""
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer_fi.physics.rigs import load_rig
+from observer_fi.plan.confirm import Confirmed
+from observer_fi.plan.limits import limits_of
+from observer_fi.plan.moves import family, in_order, standard
+from observer_fi.plan.planning import Plan, Profile
+from observer_fi.plan.rivals import Rival
+from observer_fi.plan.written import course, moves_csv, steps
+from observer_fi.report.plan_page import charts, headline, odds, page
+from observer_fi.report.results.figures import of_plan
+
+RIG = load_rig()
+
+
+def plan(log_odds: float = 90.1, pitches: tuple[float, ...] = (0.0,), decides: bool = True) -> Plan:
+    limits = limits_of(RIG, 10.0, pitches, None, (-1e-3, 1e-3), 1600.0)
+    blocks = family(limits)
+    several = in_order((blocks[0], blocks[0], blocks[-1]), limits)
+    rivals = (Rival("backlash", {"backlash": 3e-5}, ()), Rival("position_lag", {"position_lag": 2e-3}, ()))
+    return Plan(
+        RIG, limits, rivals, Profile(several, log_odds), Profile(standard(limits), 1.0), Profile((blocks[0],) * 3, 70.3),
+        (Confirmed("backlash", 1, "position_lag", 0.9 * log_odds),), decides, "the time binds: about 30 s of such moves would do",
+    )  # fmt: skip
+
+
+def test_the_headline_says_what_is_decided() -> None:
+    assert headline(plan()) == "These moves tell backlash from position lag"
+    assert headline(plan(2.0, decides=False)) == "These moves may not tell backlash from position lag"
+    nothing = Profile((), 0.0)
+    hopeless = replace(plan(decides=False), planned=nothing, before=nothing, simpler=nothing, confirmed=())
+    assert headline(hopeless) == "No move tells backlash from position lag"
+    text = page(hopeless)
+    assert "The time binds" in text and "What to record" not in text and of_plan(hopeless) == {}
+    known = replace(plan(), rivals=(), std={"A": (1e-5, 1e-6, 2e-6)}, confirmed=())
+    assert headline(known) == "These moves pin down A" and "nats" not in page(known)
+
+
+def test_odds_are_words() -> None:
+    assert odds(0.0) == "even" and odds(math.log(100.0)) == "100 to 1"
+    assert odds(2.0) == "7.4 to 1" and odds(90.1) == "over a million to 1"
+
+
+def test_the_page_holds_every_step_and_names_no_exponent() -> None:
+    made = plan(pitches=(0.0, 10.0))
+    text = page(made)
+    for profile in (made.planned, made.simpler):
+        for line in steps(profile, made.limits):
+            assert line[1:] in text
+    assert "backlash 30 µm" in text and "position lag 2 ms" in text
+    assert page(made) == text
+    assert "pitch to set" in text and "pitch to set" not in page(plan())
+
+
+@pytest.mark.parametrize("pitches", [(0.0,), (0.0, 10.0)])
+def test_the_drawn_command_is_the_one_that_is_written(pitches: tuple[float, ...]) -> None:
+    made = plan(pitches=pitches)
+    drawn = course(made.planned, made.limits)
+    rows = list(csv.DictReader(io.StringIO(moves_csv(made))))
+    at, speed = (np.array([float(row[name]) for row in rows]) for name in ("time_s", "speed_cmd_rad_s"))
+    assert np.interp(drawn.t, at, speed) == pytest.approx(drawn.w, abs=1e-3)
+    assert np.abs(drawn.x).max() <= 1e-3 and drawn.x[-1] == pytest.approx(0.0, abs=1e-9)
+    assert len(drawn.begins) == len(steps(made.planned, made.limits))
+    assert len(charts(made).panels) == (6 if len(pitches) > 1 else 4)
+
+
+def test_the_still_figure_has_both_profiles() -> None:
+    (figure,) = of_plan(plan()).values()
+    assert [axes.get_ylabel() for axes in figure.axes] == ["speed [rad/s]", "travel [µm]", "speed [rad/s]"]
