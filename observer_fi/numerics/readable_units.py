@@ -10,7 +10,7 @@ PREFIXED = ("N", "A", "V", "s", "m", "Hz", "J", "W", "rad")
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M"}
 SQUARE_MILLIMETRES = -6  # power of ten of kg mm^2 in kg m^2
 _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-_WHOLE, _SMALL = 1e6, 1e-4  # from here on, and below, powers of ten are shorter than zeros
+_WHOLE, _SMALL = 1e6, 1e-5  # from here on, and below, powers of ten are shorter than zeros
 
 
 def digits(value: float, count: int = 3, sign: str = "") -> str:
@@ -38,7 +38,8 @@ def readable(unit: str, largest: float) -> tuple[str, float]:
         return "kg mm²", 10.0**-SQUARE_MILLIMETRES
     power = min(max(power, min(PREFIXES)), max(PREFIXES))
     first = unit.replace("/", " ").split()[0]
-    if power and first in PREFIXED and not (power > 0 and first in ("s", "m", "rad")):
+    named = first in PREFIXED and (first != "rad" or unit == "rad")  # 0.5 rad/s, no 500 mrad/s
+    if power and named and not (power > 0 and first in ("s", "m", "rad")):
         return f"{PREFIXES[power]}{written}", 10.0**-power
     return written, 1.0
 
@@ -63,12 +64,13 @@ def size_words(value: float, unit: str) -> str:
 def with_error(value: float, std: float, unit: str) -> str:
     """A value ± its standard error, in the unit in which both are short; as many digits as the error lets stand."""
     shown, factor = readable(unit, value if abs(value) > abs(std) or not math.isfinite(std) else std)
-    return f"{to_the_error(factor * value, factor * std)} ± {digits(factor * std, 2)} {shown}".rstrip()
+    return f"{to_the_error(factor * value, factor * std)} ± {to_the_error(factor * std, factor * std)} {shown}".rstrip()
 
 
 def to_the_error(value: float, std: float) -> str:
-    """A value to the second digit of its standard error, in three digits at least."""
-    if not (math.isfinite(value) and math.isfinite(std) and value and std):
+    """A value to the second digit of its standard error, zeros at its end too."""
+    rounded = float(f"{std:.2g}") if math.isfinite(std) else 0.0
+    if not math.isfinite(value) or not rounded or abs(value) >= _WHOLE:
         return digits(value, 4)
-    count = 2 + math.floor(math.log10(abs(value))) - math.floor(math.log10(abs(std)))
-    return digits(value, min(max(count, 3), 7))
+    places = 1 - math.floor(math.log10(abs(rounded)))
+    return f"{round(value, places) + 0.0:.{min(max(places, 0), 6)}f}"

@@ -237,7 +237,7 @@ FAULTS = table(
         },
         rank=40,
         title="Unknown fault",
-        words="none of these",
+        words="unknown fault",
         happened="Something went wrong that is none of the known faults.",
         action="Inspect the drive by hand, and compare friction, supply and winding resistance with an earlier healthy move.",
         alike={None: "A wrong pitch reading looks the same as a changed load."},
@@ -266,7 +266,7 @@ FAULTS = table(
         },
         rank=30,
         title="Sensor fault",
-        words="{channel} sensor",
+        words="{channel} sensor fault",
         happened="The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
         action="Check the {channel} sensor, its wiring and its input channel before trusting further moves.",
         alike={

@@ -109,9 +109,9 @@ def sensitivity(isolation: Isolation) -> str:
         return ""
     words = []
     if could.least:
-        told = ", ".join(d.words for d in could.least)
+        told = " or ".join(d.words for d in could.least)
         words.append(
-            f"Of what begins at {could.begin_s:.3f} s, in its middle, this move would have told: {told}."
+            f"A fault that began in the middle of this move, at {could.begin_s:.3f} s, would have shown if it was {told}."
         )
     if could.blind:
         names = " and ".join(NAMES[label].lower() for label in could.blind)
@@ -297,7 +297,8 @@ def doubts(outcome: Outcome) -> list[str]:
             f"explains the "
             "data only with constants that no rig shows, or leaves too much of them unexplained."
         )
-    found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
+    untold = [reason for reason in verdict.reasons if reason not in outcome.explanation]
+    found += [f"{reason[0].upper()}{reason[1:]}." for reason in untold]
     if verdict.isolated_s is None and verdict.label != NOMINAL:
         found.append(
             "While it ran, no hypothesis of the bank said so: curves below show what they thought, the verdict is that of the "

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from observer_fi.numerics import digits, readable, with_unit
 from observer_fi.physics import PARAMETERS
-from observer_fi.plan import DECISIVE, Plan, Profile, course, steps, total_seconds
+from observer_fi.plan import DECISIVE, Plan, Profile, Rival, course, steps, total_seconds
 from observer_fi.report.diagnosis import environment, versions
 from observer_fi.report.interactive import INK, MUTED, TIME, Charts, Mark, Panel, Series
 
@@ -32,7 +31,7 @@ def page(plan: Plan) -> str:
             plan=plan, headline=headline(plan), colour=SURE if plan.decides else OPEN, named=_named(plan), odds=odds,
             needed=DECISIVE, planned=steps(plan.planned, plan.limits), simpler=steps(plan.simpler, plan.limits),
             profiles=[(name, p, _seconds(p, plan)) for name, p in _different(profiles)], limits=_limits(plan),
-            sizes=[(_plain(r.name), _sizes(r.values)) for r in plan.rivals], constants=_constants(plan), plain=_plain,
+            sizes=[(_plain(r.name), _sizes(r)) for r in plan.rivals], constants=_constants(plan), plain=_plain,
             charts=charts(plan), versions=versions(),
         )
     )  # fmt: skip
@@ -81,9 +80,10 @@ def _seconds(profile: Profile, plan: Plan) -> float:
     return total_seconds(profile.blocks, plan.limits.accel)
 
 
-def _sizes(values: Any) -> str:
-    told = [f"{_plain(name)} {with_unit(value, PARAMETERS[name][0])}" for name, value in values.items()]
-    return ", ".join(told)
+def _sizes(rival: Rival) -> str:
+    """How large a rival is taken to be: each constant, by its name where that is not the rival's."""
+    told = [(name, with_unit(value, PARAMETERS[name][0])) for name, value in rival.values.items()]
+    return ", ".join(size if name == rival.name else f"{_plain(name)} {size}" for name, size in told)
 
 
 def _constants(plan: Plan) -> list[tuple[str, str, list[str], list[str]]]:
@@ -130,7 +130,7 @@ def _panels(name: str, profile: Profile, colour: str, plan: Plan) -> list[Panel]
     unit, factor = readable("m", float(np.abs(found.x).max()))
     several = len(plan.limits.pitches) > 1
     rows = [
-        ("commanded speed", "rad/s", found.w, colour, 120, "the motor's speed; a number marks where a line of the list begins"),
+        ("commanded speed", "rad/s", found.w, colour, 150, "the motor's speed; a number marks where a line of the list begins"),
         ("travel", unit, factor * found.x, TRAVEL, 90, "how far the mass goes from where the log begins"),
     ]  # fmt: skip
     rows += (

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move
+from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
@@ -425,4 +426,5 @@ def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
 
 def _why(best: Story, whole: WholeMove) -> str:
     while_it = "" if whole.lasts(best.path) else " for a while"
-    return f"the whole move says so: {best.gain:.0f} nats better with this fault{while_it} than without"
+    powers = digits(best.gain / math.log(10.0))
+    return f"the whole move says so: with this fault{while_it} it is likelier by {powers} powers of ten than without"

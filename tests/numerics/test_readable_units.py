@@ -22,6 +22,8 @@ from observer_fi.numerics.readable_units import digits, readable, size_words, wi
         ("kg m^2", 4e-7, "kg mm²", 1e6),
         ("m/rad", 1.6e-4, "µm/rad", 1e6),
         ("rad/s", 4e3, "rad/s", 1.0),
+        ("rad/s", 4e-2, "rad/s", 1.0),
+        ("rad", 4e-2, "mrad", 1e3),
         ("s", 4e3, "s", 1.0),
         ("1/s", 1e-3, "1/s", 1.0),
         ("1", 1e-5, "", 1.0),
@@ -46,15 +48,16 @@ def test_a_value_in_words() -> None:
 
 def test_an_error_says_how_many_digits_stand() -> None:
     assert with_error(1.49123e-4, 1.2e-6, "N m") == "149.1 ± 1.2 µN m"
-    assert with_error(2.0, 0.5, "1") == "2 ± 0.5"
+    assert with_error(2.0, 0.5, "1") == "2.00 ± 0.50"
     assert with_error(1e-6, 3e-4, "N m") == "1 ± 300 µN m"
+    assert with_error(9e-4, 1.3e-7, "m") == "900.00 ± 0.13 µm"
     assert with_error(26.123456, 0.0123, "ohm") == "26.123 ± 0.012 ohm"
 
 
 @pytest.mark.parametrize(
     ("value", "shown"),
     [(101.4, "101"), (1e2, "100"), (1234.0, "1230"), (0.00049, "0.00049"), (-0.0, "0"), (math.inf, "–"),
-     (2.5e-9, "2.5\u00a0×\u00a010⁻⁹"), (1e7, "1\u00a0×\u00a010⁷")],
+     (2.5e-5, "0.000025"), (2.5e-9, "2.5\u00a0×\u00a010⁻⁹"), (1e7, "1\u00a0×\u00a010⁷")],
 )  # fmt: skip
 def test_digits_without_an_e(value: float, shown: str) -> None:
     assert digits(value) == shown

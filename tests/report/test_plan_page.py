@@ -55,7 +55,7 @@ def test_the_page_holds_every_step_and_names_no_exponent() -> None:
     for profile in (made.planned, made.simpler):
         for line in steps(profile, made.limits):
             assert line[1:] in text
-    assert "backlash 30 µm" in text and "position lag 2 ms" in text
+    assert "<th>backlash</th><td>30 µm</td>" in text and "<th>position lag</th><td>2 ms</td>" in text
     assert page(made) == text
     assert "pitch to set" in text and "pitch to set" not in page(plan())
 
