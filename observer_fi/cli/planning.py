@@ -63,8 +63,8 @@ def plan_arguments(parser: argparse.ArgumentParser) -> None:
 def run_plan(args: argparse.Namespace) -> int:
     """The moves to record next, as a CSV that a controller can play."""
     from observer_fi.physics import load_rig
-    from observer_fi.plan import in_lines, limits_of, moves_csv, to_json
-    from observer_fi.report import Made, checked_name, json_text, plan_html, write_result
+    from observer_fi.plan import in_lines, limits_of, to_json
+    from observer_fi.report import Made, checked_name, plan_files, write_result
 
     rig = load_rig(args.rig)
     checked_name(args.name)
@@ -77,8 +77,8 @@ def run_plan(args: argparse.Namespace) -> int:
     with Stages(args, SHARES) as tell:
         plan = _planned(args, rig, limits, tell)
     result = to_json(plan)
-    files = {"moves.csv": moves_csv(plan), "plan.json": json_text(result), "plan.html": plan_html(plan)}
-    folder = write_result(args.out, args.name, Made("plan", {}), {**files, **still_figures(args, plan)})
+    made = Made("plan", {})
+    folder = write_result(args.out, args.name, made, {**plan_files(plan), **still_figures(args, plan)})
     if args.json:
         emit_json(result)
     elif not args.quiet:

@@ -13,6 +13,7 @@ ONSET = "#8a6100"
 EVER = 0.02  # a hypothesis that was never likelier is not drawn
 RIVALS = 3  # whose evidence is drawn from the start; the others' lines are a click away
 BEFORE_S, AFTER_S, PAST_S = 0.03, 0.12, 0.03  # shown before an onset, after it, and after the isolation
+FAR_S = 0.25  # before an onset whose interval begins earlier still
 MOST_VIEWS = 40
 
 BY_CHANNEL = (("voltage", "#8a6100"), ("current", "#0b62b0"), ("position", "#7a3b9a"))
@@ -196,7 +197,9 @@ def views(isolation: Isolation) -> tuple[View, ...]:
             continue
         name, at = _words(event.label, event.channel), event.onset_s
         if at is not None:
-            low = min(at, at if event.onset_interval_s[0] is None else event.onset_interval_s[0])
+            low = max(
+                at - FAR_S, min(at, at if event.onset_interval_s[0] is None else event.onset_interval_s[0])
+            )
             known = event.end_s if event.isolated_s is None else event.isolated_s
             found.append(View(f"{name}, {at:.3f} s", low - BEFORE_S, max(at + AFTER_S, known + PAST_S)))
             if known > at + 2.0 * AFTER_S:

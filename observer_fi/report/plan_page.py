@@ -7,14 +7,19 @@ import numpy as np
 
 from observer_fi.numerics import digits, readable, with_unit
 from observer_fi.physics import PARAMETERS
-from observer_fi.plan import DECISIVE, Plan, Profile, Rival, course, steps, total_seconds
-from observer_fi.report.diagnosis import environment, versions
+from observer_fi.plan import DECISIVE, Plan, Profile, Rival, course, moves_csv, steps, to_json, total_seconds
+from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.interactive import INK, MUTED, TIME, Charts, Mark, Panel, Series
 
 SURE, OPEN = "#2f7d4f", "#b4560f"  # decided, and not
 COMMAND, TRAVEL, PITCH = "#0b62b0", "#7a3b9a", "#8a6100"
 _MILLION = math.log(1e6)
 _EVEN = 0.05  # nats: odds of 1.05
+
+
+def plan_files(plan: Plan) -> dict[str, str]:
+    """Everything that one plan consists of, {file name: text}."""
+    return {"moves.csv": moves_csv(plan), "plan.json": json_text(to_json(plan)), "plan.html": page(plan)}
 
 
 def page(plan: Plan) -> str:
