@@ -49,7 +49,7 @@ def test_a_value_in_words() -> None:
 def test_an_error_says_how_many_digits_stand() -> None:
     assert with_error(1.49123e-4, 1.2e-6, "N m") == "149.1 ± 1.2 µN m"
     assert with_error(2.0, 0.5, "1") == "2.00 ± 0.50"
-    assert with_error(1e-6, 3e-4, "N m") == "1 ± 300 µN m"
+    assert with_error(1e-6, 3e-4, "N m") == "0 ± 300 µN m"
     assert with_error(9e-4, 1.3e-7, "m") == "900.00 ± 0.13 µm"
     assert with_error(26.123456, 0.0123, "ohm") == "26.123 ± 0.012 ohm"
 
