@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer_fi.numerics import digits
 from observer_fi.physics import PARAMETERS
 from observer_fi.plan.limits import Limits
 from observer_fi.plan.moves import Block, corners_of, in_words, lay_out, total_seconds
@@ -97,13 +98,17 @@ def in_lines(plan: Plan) -> list[str]:
     if plan.planned.blocks:
         lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]
         lines.append(
-            f"{plan.seconds:.3g} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
+            f"{digits(plan.seconds)} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
         )
     return lines
 
 
 def _odds(plan: Plan) -> str:
-    return "" if plan.std else f" ({plan.simpler.log_odds:.3g} nats in place of {plan.planned.log_odds:.3g})"
+    return (
+        ""
+        if plan.std
+        else f" ({digits(plan.simpler.log_odds)} nats in place of {digits(plan.planned.log_odds)})"
+    )
 
 
 def to_json(plan: Plan) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -70,3 +71,19 @@ def test_digits_are_the_number(value: float, count: int) -> None:
     back = float(mantissa) * 10.0 ** int(power.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")) or 0)
     assert back == pytest.approx(float(f"{value:.{count}g}"), rel=1e-9, abs=1e-300)
     assert len(re.sub(r"^-?0?\.?0*|\D", "", mantissa)) <= max(count, 6)
+
+
+def test_nobody_else_writes_numbers_that_may_get_an_e() -> None:
+    """Of what people read; the table that `trend` writes for programs is none of it."""
+    package = Path(__file__).parents[2] / "observer_fi"
+    rooms = ("cli", "logs", "plan", "report", "serve", "trend", "verdict")
+    found = {
+        path.name
+        for room in rooms
+        for path in (package / room).rglob("*.py")
+        if re.search(r":[+]?\.[2-5]g\}", path.read_text(encoding="utf-8"))
+    }
+    pages = {
+        p.name for p in package.rglob("*.html") if re.search(r'"%[+]?\.\dg', p.read_text(encoding="utf-8"))
+    }
+    assert found == {"trend_page.py"} and not pages

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -127,6 +128,9 @@ def test_the_traits_of_a_poor_logger_stand_in_json_and_on_the_page(overload: Out
         "every sample",
     ):
         assert words in text, words
+    assert not re.search(
+        r"\d[eE][-+]\d", text.partition("Settings")[0]
+    )  # quantities have units that keep them short
 
 
 def test_an_outcome_that_no_logger_was_measured_for_still_makes_a_page(overload: Outcome) -> None:
