@@ -7,29 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_plan import plan
 
-from observer_fi.physics.rigs import load_rig
-from observer_fi.plan.confirm import Confirmed
-from observer_fi.plan.limits import limits_of
-from observer_fi.plan.moves import family, in_order, standard
-from observer_fi.plan.planning import Plan, Profile
-from observer_fi.plan.rivals import Rival
+from observer_fi.plan.planning import Profile
 from observer_fi.plan.written import course, moves_csv, steps
 from observer_fi.report.plan_page import charts, headline, odds, page
 from observer_fi.report.results.figures import of_plan
-
-RIG = load_rig()
-
-
-def plan(log_odds: float = 90.1, pitches: tuple[float, ...] = (0.0,), decides: bool = True) -> Plan:
-    limits = limits_of(RIG, 10.0, pitches, None, (-1e-3, 1e-3), 1600.0)
-    blocks = family(limits)
-    several = in_order((blocks[0], blocks[0], blocks[-1]), limits)
-    rivals = (Rival("backlash", {"backlash": 3e-5}, ()), Rival("position_lag", {"position_lag": 2e-3}, ()))
-    return Plan(
-        RIG, limits, rivals, Profile(several, log_odds), Profile(standard(limits), 1.0), Profile((blocks[0],) * 3, 70.3),
-        (Confirmed("backlash", 1, "position_lag", 0.9 * log_odds),), decides, "the time binds: about 30 s of such moves would do",
-    )  # fmt: skip
 
 
 def test_the_headline_says_what_is_decided() -> None:
@@ -49,7 +32,7 @@ def test_odds_are_words() -> None:
     assert odds(2.0) == "7.4 to 1" and odds(90.1) == "over a million to 1"
 
 
-def test_the_page_holds_every_step_and_names_no_exponent() -> None:
+def test_the_page_holds_every_step_and_size_and_is_the_same_twice() -> None:
     made = plan(pitches=(0.0, 10.0))
     text = page(made)
     for profile in (made.planned, made.simpler):
