@@ -17,8 +17,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from observer_fi import Life, diagnose, improve, write_report
+from observer_fi import Life, Move, Scenario, diagnose, improve, plan, simulate, write_report
 from observer_fi.errors import UsageError
+from observer_fi.physics import Fault
 from pipelines.trend_cranfield import BASELINE, RATE_RUNS, cycles_of, judged
 
 ROOT = Path(__file__).parents[1]
@@ -45,11 +46,16 @@ def life() -> Life:
     return Life(judged(named, base, others, RATE), ())
 
 
+# No field log is unknown: a simulated supply that sags under way, of which no hypothesis knows.
+SAGS = Scenario((Move(0.3, 410.0, 2.0), Move(3.3, -410.0, 2.0)), 5.7, fault=Fault("supply", 4.2), seed=4)
+
 # Name of a picture: height of what is shown of its page [px], and how the page is made in a folder.
 PAGES: dict[str, tuple[int, Callable[[Path], Path]]] = {
     "overload": (1500, lambda to: write_report(diagnose(ROOT / "data" / "overload_steady.csv.gz"), to)),
     "slip": (1500, lambda to: write_report(diagnose(recorded("field/move_05.csv.gz")), to)),
     "doubtful": (1500, lambda to: write_report(diagnose(recorded("field/move_23.csv.gz")), to)),
+    "unknown": (1500, lambda to: write_report(diagnose(simulate(SAGS, name="simulated")[0]), to)),
+    "plan": (1300, lambda to: write_report(plan("backlash,position_lag", travel=(-2e-4, 3e-4)), to)),
     "improve": (1700, lambda to: write_report(improve(recorded("field/campaign_e.csv.gz")), to)),
     "trend": (1500, lambda to: write_report(life(), to)),
 }

@@ -268,7 +268,9 @@ def test_moves_are_planned(tmp_path: Path) -> None:
     corners = found.to_frame()
     assert corners["time_s"].is_monotonic_increasing and corners["time_s"].iloc[-1] <= 3.0
     assert found.plot().axes[0].get_ylabel() == "speed [rad/s]"
-    assert write_report(found, tmp_path / "next").read_text(encoding="utf-8") == found.moves
+    page = write_report(found, tmp_path / "next", figures="svg")
+    assert "These moves" in page.read_text(encoding="utf-8") and (page.parent / "command.svg").is_file()
+    assert (page.parent / "moves.csv").read_text(encoding="utf-8") == found.moves
     with pytest.raises(UsageError, match="give one of"):
         plan("backlash", faults="slip")
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from observer_fi.cli.options import OK, add_common, add_rig, emit_json, finite
+from observer_fi.cli.options import OK, add_common, add_figures, add_rig, emit_json, finite, still_figures
 from observer_fi.cli.progress import Stages
 from observer_fi.cli.synthetic import numbers
 from observer_fi.errors import UsageError
@@ -56,14 +56,15 @@ def plan_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=finite, default=1600.0, help="samples a second of the logger (1600)")
     parser.add_argument("--name", default="plan", help="name of the output folder (plan)")
     add_rig(parser, settings=False)
+    add_figures(parser)
     add_common(parser)
 
 
 def run_plan(args: argparse.Namespace) -> int:
     """The moves to record next, as a CSV that a controller can play."""
     from observer_fi.physics import load_rig
-    from observer_fi.plan import in_lines, limits_of, moves_csv, to_json
-    from observer_fi.report import Made, checked_name, json_text, write_result
+    from observer_fi.plan import in_lines, limits_of, to_json
+    from observer_fi.report import Made, checked_name, plan_files, write_result
 
     rig = load_rig(args.rig)
     checked_name(args.name)
@@ -76,12 +77,12 @@ def run_plan(args: argparse.Namespace) -> int:
     with Stages(args, SHARES) as tell:
         plan = _planned(args, rig, limits, tell)
     result = to_json(plan)
-    files = {"moves.csv": moves_csv(plan), "plan.json": json_text(result)}
-    folder = write_result(args.out, args.name, Made("plan", {}), files)
+    made = Made("plan", {})
+    folder = write_result(args.out, args.name, made, {**plan_files(plan), **still_figures(args, plan)})
     if args.json:
         emit_json(result)
     elif not args.quiet:
-        print("\n".join([*in_lines(plan), str(folder / "moves.csv")]))
+        print("\n".join([*in_lines(plan), str(folder / "moves.csv"), str(folder / "plan.html")]))
     return OK
 
 

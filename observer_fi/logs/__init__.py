@@ -31,7 +31,6 @@ from observer_fi.logs.moves import (
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
-from observer_fi.logs.readable_units import readable, with_unit
 from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
 from observer_fi.logs.units import suspect_units
 
@@ -71,8 +70,6 @@ __all__ = [
     "Phase",
     "Progress",
     "Readings",
-    "readable",
-    "with_unit",
     "Row",
     "SUFFIXES",
     "Splitter",

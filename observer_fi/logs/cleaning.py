@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
 from observer_fi.logs.tables import LISTED, NONE, Block, LeftOut, Table, joined_blocks, place, together
+from observer_fi.numerics import digits
 from observer_fi.records import Array, Gap, Log, Rejected
 
 FEWEST_SAMPLES = 10
@@ -209,12 +210,12 @@ def _set_step(t: Array, tally: Tally) -> None:
     tally.step = float(np.median(np.diff(t)))
     if tally.step * FASTEST_HZ < 1.0 - 1e-6:
         raise InvalidLogError(
-            f"{tally.path}: column time_s: {1 / tally.step:.4g} samples a second are more than any actuator needs (at most "
-            f"{FASTEST_HZ:.0e}); if the clock is not in seconds, map its unit with --columns"
+            f"{tally.path}: column time_s: {digits(1 / tally.step, 4)} samples a second are more than any actuator needs "
+            f"(at most {FASTEST_HZ:.0e}); if the clock is not in seconds, map its unit with --columns"
         )
     if tally.step > SLOWEST_STEP_S:
         raise InvalidLogError(
-            f"{tally.path}: column time_s: a sample every {tally.step:.4g} s is too slow to show a move "
+            f"{tally.path}: column time_s: a sample every {digits(tally.step, 4)} s is too slow to show a move "
             f"(at least {1 / SLOWEST_STEP_S:.0f} a second); if the clock is not in seconds, map its "
             "unit with --columns"
         )

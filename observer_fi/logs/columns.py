@@ -278,7 +278,7 @@ def missing_column(path: str, column: str, headers: list[str], column_map: Colum
     shown = ", ".join(headers[:20]) + (", ..." if len(headers) > 20 else "")
     return InvalidLogError(
         f"{path}: {what} is missing; the columns are: {shown}; map it with --columns map.toml (in Python columns=), "
-        f"for example {entry}"
+        f"for example {entry}; observer-fi inspect --write makes a whole map"
     )
 
 

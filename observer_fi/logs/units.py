@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.logs.command_recovery import ABSENT
+from observer_fi.numerics import digits
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
@@ -86,11 +87,11 @@ def _drive_notes(log: Log, model: Model, logged: bool) -> Iterator[str]:
     """logged: whether the command is that of the log."""
     top = _often(log.w_cmd)
     if logged and top > FAR * model["Vmax"] / model["Km"]:
-        yield f"speed_cmd_rad_s reaches {top:.4g} rad/s, more than the supply can drive: is it in rpm?"
+        yield f"speed_cmd_rad_s reaches {digits(top, 4)} rad/s, more than the supply can drive: is it in rpm?"
     most = 2.0 * model["Vmax"] / (model["Rm"] + model["Rs"])  # full reversal at full speed
     peak = _often(log.z[:, 1])
     if peak > 10.0 * FAR * most:
-        yield f"current_a reaches {peak:.4g} A, the supply drives at most {most:.2g} A: is it in mA?"
+        yield f"current_a reaches {digits(peak, 4)} A, the supply drives at most {digits(most, 2)} A: is it in mA?"
 
 
 def _often(values: Array) -> float:
@@ -121,7 +122,7 @@ def _ratio_notes(column: str, seen: Array, expected: float) -> list[str]:
     known = seen[np.isfinite(seen)]
     ratio = float(known.mean()) / expected if known.size and expected > 0.0 else 0.0
     return [
-        f"{column} is {ratio:.3g} times what the commanded speed gives: is its unit {prefix}...?"
+        f"{column} is {digits(ratio)} times what the commanded speed gives: is its unit {prefix}...?"
         for factor, prefix in PREFIXES.items()
         if factor / FAR < ratio < factor * FAR
     ]

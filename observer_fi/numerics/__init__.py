@@ -1,4 +1,4 @@
-"""Compilation and arithmetic on numbers or rows of numbers; no physics."""
+"""Compilation and arithmetic on numbers or rows of numbers, and how numbers are written; no physics."""
 
 from observer_fi.numerics.compile import (
     compiled,
@@ -9,6 +9,15 @@ from observer_fi.numerics.compile import (
     when_compiling,
 )
 from observer_fi.numerics.products import gram, matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
+from observer_fi.numerics.readable_units import (
+    digits,
+    readable,
+    readable_share,
+    size_words,
+    to_the_error,
+    with_error,
+    with_unit,
+)
 from observer_fi.numerics.rows import (
     MOST,
     Wide,
@@ -40,6 +49,13 @@ from observer_fi.numerics.series import (
 
 __all__ = [
     "MOST",
+    "digits",
+    "readable",
+    "readable_share",
+    "size_words",
+    "to_the_error",
+    "with_error",
+    "with_unit",
     "Wide",
     "where_above",
     "aligned_copy",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import NamedTuple
 
+from observer_fi.numerics import size_words
 from observer_fi.physics.equations import PARAMETERS
 from observer_fi.physics.rigs import Model
 from observer_fi.records import CHANNELS
@@ -45,6 +46,10 @@ class OwnState(NamedTuple):
     creeps: tuple[float, float, float] | None = None
     factor: float = 0.0
 
+    def says(self, value: float, unit: str) -> str:
+        """How large the fault is, in a sentence."""
+        return self.words.format(size_words(value, unit))
+
 
 def _itself(plant: Model, value: float) -> float:
     return value
@@ -55,7 +60,7 @@ class Least(NamedTuple):
 
     constant: of `sizes`, what the fault is tried with; tried: its values there, increasing; held: values of the other constants.
     lasts: the fault has no size, and how long it must last [s] is told. name, words: what is told is called, and in a sentence
-    of its value times `scale`. told: the value that is told, from the plant and the value found.
+    of its value with its unit. told: the value that is told, from the plant and the value found.
     """
 
     constant: str
@@ -64,8 +69,11 @@ class Least(NamedTuple):
     words: str
     held: Mapping[str, float] = MappingProxyType({})
     lasts: bool = False
-    scale: float = 1.0
     told: Callable[[Model, float], float] = _itself
+
+    def says(self, value: float, unit: str) -> str:
+        """What would have shown, in a sentence: two digits of it, as it is found on a coarse grid."""
+        return self.words.format(size_words(float(f"{value:.2g}"), unit))
 
 
 class Injection(NamedTuple):

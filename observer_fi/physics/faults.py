@@ -43,7 +43,7 @@ def _stiffness(plant: Model, share: float) -> float:
 
 
 _FRICTION_AND_GRAVITY = ("A", "B")
-_LOST = "the mass loses {:.0%} of its travel"
+_LOST = "the mass loses {} of its travel"
 
 # Colours are Okabe and Ito's, which people of every colour vision tell apart.
 FAULTS = table(
@@ -76,16 +76,14 @@ FAULTS = table(
         states=(OwnState("d", 0.0, 2e-6, 0.0), OwnState("C", 1.0, None, 0.0), OwnState("E", 1.0, None, 0.0)),
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
-            OwnState(
-                "C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {:.2g} N m/m^2 stiff", low=0.05, factor=5.0
-            ),
+            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {} stiff", low=0.05, factor=5.0),
             OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
         ),
         least=Least(
             "C",
             (0.01, 0.3, 10.0, 300.0),
             "stiffness",
-            "an obstacle of {} N m/m^2 or stiffer",
+            "an obstacle of {} or stiffer",
             held={"E": 0.0},
             told=_stiffness,
         ),
@@ -117,7 +115,7 @@ FAULTS = table(
                 0.4,
                 0.0,
                 "drag",
-                "what is left of the friction is {:.3g} N m",
+                "what is left of the friction is {}",
                 low=0.05,
                 high=1.35,  # more than that the whole rig has: then the position stands still, and not the mass
             ),
@@ -127,7 +125,7 @@ FAULTS = table(
                 0.2,
                 0.0,
                 "inertia",
-                "what is left of the inertia is {:.3g} kg m^2",
+                "what is left of the inertia is {}",
                 low=0.05,
                 high=1.8,
                 means=(
@@ -142,10 +140,9 @@ FAULTS = table(
             "A_decoupled",
             (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.35),
             "duration",
-            "a coupling lost for {} ms or longer",
+            "a coupling lost for {} or longer",
             held={"J_decoupled": 0.9},
             lasts=True,
-            scale=1e3,
         ),
         live=True,
         heals=False,
@@ -168,7 +165,7 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(OwnState("E", 0.5, 0.4, 0.03, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
-        least=Least("E", (0.001, 0.01, 0.1, 0.9), "share_lost", "a slip of {} % or more", scale=100.0),
+        least=Least("E", (0.001, 0.01, 0.1, 0.9), "share_lost", "a slip of {} or more"),
         live=False,
         heals=False,
         rare=False,
@@ -196,16 +193,14 @@ FAULTS = table(
                 1.0,
                 0.05,
                 "friction_rise",
-                "friction is up by {:.0%}",
+                "friction is up by {}",
                 of_friction=True,
                 low=0.0,
                 growths=(0.05, 0.5),  # one that doubles within a second is followed by the second
                 creeps=(0.0, 0.05, 0.02),
             ),
         ),
-        least=Least(
-            "torque", (0.003, 0.03, 0.3, 3.0), "friction_rise", "friction risen by {} % or more", scale=100.0
-        ),
+        least=Least("torque", (0.003, 0.03, 0.3, 3.0), "friction_rise", "friction risen by {} or more"),
         live=False,
         heals=False,
         rare=False,
@@ -242,7 +237,7 @@ FAULTS = table(
         },
         rank=40,
         title="Unknown fault",
-        words="none of these",
+        words="unknown fault",
         happened="Something went wrong that is none of the known faults.",
         action="Inspect the drive by hand, and compare friction, supply and winding resistance with an earlier healthy move.",
         alike={None: "A wrong pitch reading looks the same as a changed load."},
@@ -271,7 +266,7 @@ FAULTS = table(
         },
         rank=30,
         title="Sensor fault",
-        words="{channel} sensor",
+        words="{channel} sensor fault",
         happened="The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
         action="Check the {channel} sensor, its wiring and its input channel before trusting further moves.",
         alike={

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from observer_fi.errors import UsageError
 from observer_fi.logs import settling_time
+from observer_fi.numerics import digits
 from observer_fi.physics import DRIVES, Rig
 
 _USUAL_SHARE = 0.6  # of the speed that the supply holds: the paper's rig runs at 410 of 690 rad/s, the rest is for starts
@@ -85,7 +86,9 @@ def _top_speed(rig: Rig, pitches: tuple[float, ...], asked: float | None) -> flo
     if asked is None:
         return _USUAL_SHARE * holds
     if not 0.0 < asked <= holds:
-        raise UsageError(f"--speed: the supply holds up to {holds:.4g} rad/s at these pitches, got {asked:g}")
+        raise UsageError(
+            f"--speed: the supply holds up to {digits(holds, 4)} rad/s at these pitches, got {asked:g}"
+        )
     return asked
 
 

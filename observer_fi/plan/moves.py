@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.numerics import digits
 from observer_fi.physics import Move, trapezoids
 from observer_fi.plan.limits import Limits
 from observer_fi.records import Array
@@ -153,14 +154,14 @@ def _hold(limits: Limits, speed: float, hold: float, ramps: float = 1.0) -> floa
 def _there_and_back(limits: Limits, share: float, hold: float, pitch: float) -> Block:
     v, rest = _way(limits) * share * limits.speed, Leg(0.0, limits.rest_s)
     hold = _hold(limits, v, hold)
-    words = f"from rest to {abs(v):.3g} rad/s and back, {hold:.2g} s each"
+    words = f"from rest to {digits(abs(v))} rad/s and back, {digits(hold, 2)} s each"
     return Block(words, (Leg(v, hold), rest, Leg(-v, hold), rest), pitch)
 
 
 def _reversals(limits: Limits, share: float, hold: float, pitch: float) -> Block:
     v, rest = _way(limits) * share * limits.speed, Leg(0.0, limits.rest_s)
     hold = _hold(limits, v, hold, 1.5)
-    words = f"to and fro at {abs(v):.3g} rad/s three times without a rest, {hold:.2g} s each way"
+    words = f"to and fro at {digits(abs(v))} rad/s three times without a rest, {digits(hold, 2)} s each way"
     return Block(words, (*(Leg(v, hold), Leg(-v, hold)) * 3, rest), pitch)
 
 
@@ -170,7 +171,7 @@ def _staircase(limits: Limits, pitch: float) -> Block:
     hold = _hold(limits, whole, _STAIR_S * len(speeds), 2.0) / len(speeds)
     rest = Leg(0.0, limits.rest_s)
     up, down = tuple(Leg(v, hold) for v in speeds), tuple(Leg(-v, hold) for v in speeds)
-    words = f"in steps to {', '.join(f'{abs(v):.3g}' for v in speeds)} rad/s, {hold:.2g} s each, and the same back"
+    words = f"in steps to {', '.join(digits(abs(v)) for v in speeds)} rad/s, {digits(hold, 2)} s each, and the same back"
     return Block(words, (*up, rest, *down, rest), pitch)
 
 
@@ -180,7 +181,7 @@ def _starts(limits: Limits, pitch: float) -> Block:
         v = _way(limits) * share * limits.speed
         hold = _hold(limits, v, _PULSE_S)
         legs += [Leg(v, hold), rest, Leg(-v, hold), rest]
-    speeds = f"{limits.speed:.3g}, {limits.speed / 2:.3g} and {limits.speed / 4:.3g} rad/s"
+    speeds = f"{digits(limits.speed)}, {digits(limits.speed / 2)} and {digits(limits.speed / 4)} rad/s"
     words = f"short starts to {speeds} and back, {_PULSE_S:g} s each"
     return Block(words, tuple(legs), pitch)
 
@@ -188,7 +189,7 @@ def _starts(limits: Limits, pitch: float) -> Block:
 def _small_steps(limits: Limits, pitch: float) -> Block:
     v, rest = _way(limits) * 0.25 * limits.speed, Leg(0.0, limits.rest_s)
     hold = _hold(limits, v, _STEP_S)
-    words = f"three small steps there and back at {abs(v):.3g} rad/s, {hold:.2g} s each, a rest after each"
+    words = f"three small steps there and back at {digits(abs(v))} rad/s, {digits(hold, 2)} s each, a rest after each"
     return Block(words, (Leg(v, hold), rest, Leg(-v, hold), rest) * 3, pitch)
 
 

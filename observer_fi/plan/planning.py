@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import UsageError
 from observer_fi.learn import Experiment
+from observer_fi.numerics import digits
 from observer_fi.physics import CAUSES, MOVES, Rig, unknown_name
 from observer_fi.plan.confirm import Confirmed, confirm
 from observer_fi.plan.evidence import (
@@ -196,29 +197,30 @@ def _profile(blocks: tuple[Block, ...], rivals: Sequence[Rival], rig: Rig, limit
 
 
 def _carries(planned: Profile, usual: Profile) -> str:
-    leave = f"moves to and fro at one speed are expected to leave {usual.log_odds:.3g} nats, these {planned.log_odds:.3g}"
-    return f"{leave}; {DECISIVE:.2g} are odds of 100"
+    leave = f"moves to and fro at one speed are expected to leave {digits(usual.log_odds)} nats, these {digits(planned.log_odds)}"
+    return f"{leave}; {digits(DECISIVE, 2)} are odds of 100"
 
 
 def _stands_in_the_way(
     planned: Profile, least: float, rivals: Sequence[Rival], rig: Rig, limits: Limits
 ) -> str:
     """Which limit binds: what more pitches or more time would do."""
-    words = f"the best moves within the limits are expected to leave {planned.log_odds:.2g} nats, {DECISIVE:.2g} are needed"
+    words = f"the best moves within the limits are expected to leave {digits(planned.log_odds, 2)} nats, "
+    words += f"{digits(DECISIVE, 2)} are needed"
     touching = [r.name for r in rivals if r.name in CAUSES and CAUSES[r.name].equation == "contact"]
     if touching:
         return (
             f"{words}; {' and '.join(touching)} show at a stop only, and these moves keep clear of the stops"
         )
     if planned.log_odds > DECISIVE >= least:
-        words += f", and with noise fits of simulated logs left {least:.2g}"
+        words += f", and with noise fits of simulated logs left {digits(least, 2)}"
     wider = replace(limits, pitches=(*limits.pitches, *(p for p in _MORE_PITCHES if p not in limits.pitches)))
     if len(wider.pitches) > len(limits.pitches):
         evidence = _evidence(rivals, rig, wider)
         more = evidence.value(best_counts(evidence.value, evidence.seconds, limits.seconds - LEAD_S))
         if more > max(DECISIVE, 2.0 * planned.log_odds):
             levels = ", ".join(f"{p:g}" for p in wider.pitches)
-            return f"{words}; the pitch binds: with levels of {levels} deg they would leave {more:.3g}"
+            return f"{words}; the pitch binds: with levels of {levels} deg they would leave {digits(more)}"
     if planned.log_odds > _SOMETHING:
         enough = limits.seconds * max(_SURE / planned.log_odds, 1.5)
         return f"{words}; the time binds: about {enough:.0f} s of such moves would do"

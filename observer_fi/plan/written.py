@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer_fi.numerics import digits
 from observer_fi.physics import PARAMETERS
 from observer_fi.plan.limits import Limits
 from observer_fi.plan.moves import Block, corners_of, in_words, lay_out, total_seconds
@@ -13,6 +14,33 @@ from observer_fi.plan.planning import DECISIVE, Plan, Profile
 from observer_fi.records import Array
 
 SCHEMA = "observer-fi/plan/1"
+_POINTS = 1500  # of a course between its corners: a ramp is a curve in the travel
+
+
+class Course(NamedTuple):
+    """A profile over time: t [s], w [rad/s], x [m] from where the log begins, pitch [deg], all (n,).
+
+    begins: when each line of `steps` begins [s].
+    """
+
+    t: Array
+    w: Array
+    x: Array
+    pitch: Array
+    begins: tuple[float, ...]
+
+
+def course(profile: Profile, limits: Limits) -> Course:
+    """The command of a profile with moves, and where it leads."""
+    at, speed = corners_of(profile.blocks, limits.accel)
+    t = np.union1d(at, np.linspace(at[0], at[-1], _POINTS))
+    w = np.interp(t, at, speed)
+    x = limits.unit * np.concatenate(([0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(t))))
+    placed = lay_out(profile.blocks, limits.accel)[1]
+    counts = [n for n, _ in in_words(profile.blocks)]
+    firsts = np.cumsum([0, *counts[:-1]]).tolist()
+    begins = tuple(placed[k].begin for k in firsts)
+    return Course(t, w, x, _pitches(t, profile.blocks, limits), begins)
 
 
 def moves_csv(plan: Plan, profile: Profile | None = None) -> str:
@@ -70,13 +98,17 @@ def in_lines(plan: Plan) -> list[str]:
     if plan.planned.blocks:
         lines += [f"{k}. {text}" for k, text in enumerate(steps(plan.planned, plan.limits), start=1)]
         lines.append(
-            f"{plan.seconds:.3g} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
+            f"{digits(plan.seconds)} s in all; simpler: {'; '.join(steps(plan.simpler, plan.limits))}{_odds(plan)}"
         )
     return lines
 
 
 def _odds(plan: Plan) -> str:
-    return "" if plan.std else f" ({plan.simpler.log_odds:.3g} nats in place of {plan.planned.log_odds:.3g})"
+    return (
+        ""
+        if plan.std
+        else f" ({digits(plan.simpler.log_odds)} nats in place of {digits(plan.planned.log_odds)})"
+    )
 
 
 def to_json(plan: Plan) -> dict[str, Any]:

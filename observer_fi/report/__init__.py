@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         improve_headline,
         improve_json,
     )
+    from observer_fi.report.plan_page import plan_files
     from observer_fi.report.results.figures import stills_of
     from observer_fi.report.results.questions import (
         compare,
@@ -94,6 +95,7 @@ __all__ = [
     "ours",
     "page",
     "plan",
+    "plan_files",
     "reports_below",
     "simulate",
     "still_files",
@@ -124,6 +126,7 @@ _LATER = {
         "improve_headline",
         "improve_json",
     ),
+    "plan_page": ("plan_files",),
     "trend_page": ("trend_files", "trend_headline", "trend_json"),
     "results.questions": ("compare", "diagnose", "identify", "improve", "simulate", "trend", "write_report"),
     "results.figures": ("stills_of",),
@@ -131,7 +134,10 @@ _LATER = {
     "results.recording": ("Inspected", "Planned", "inspect", "plan"),
     "results.results": ("Comparison", "Diagnosis", "Identification", "Improved", "Life"),
 }
-_NAMED = {"trend_headline": "headline", "fleet_html": "page"}  # where the module calls it otherwise
+_NAMED = {
+    "trend_headline": "headline",
+    "fleet_html": "page",
+}  # where the module calls it otherwise
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names}
 
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from observer_fi import __version__
-from observer_fi.logs import readable
+from observer_fi.numerics import digits, readable, readable_share, with_unit
 from observer_fi.physics import (
     DRIVES,
     FAULTS,
@@ -30,6 +30,8 @@ from observer_fi.report.result_folder import Made, write_result
 
 SCHEMA = "observer-fi/report/1"
 LISTED = 200  # rejected samples and gaps that the report lists one by one
+CHANNEL_UNITS = {"voltage": "V", "current": "A", "position": "m"}
+CHANNEL_UNITS |= {"voltage_v": "V", "current_a": "A", "position_m": "m"}  # of columns, too
 _CERTAIN = 0.95  # from here on the page calls a verdict sure
 
 NAMES = {label: row.title for label, row in FAULTS.items()} | {NOT_TESTED: "Not tested"}
@@ -107,9 +109,9 @@ def sensitivity(isolation: Isolation) -> str:
         return ""
     words = []
     if could.least:
-        told = ", ".join(d.words for d in could.least)
+        told = " or ".join(d.words for d in could.least)
         words.append(
-            f"Of what begins at {could.begin_s:.3f} s, in its middle, this move would have told: {told}."
+            f"A fault that began in the middle of this move, at {could.begin_s:.3f} s, would have shown if it was {told}."
         )
     if could.blind:
         names = " and ".join(NAMES[label].lower() for label in could.blind)
@@ -197,8 +199,8 @@ def page(outcome: Outcome, rig: Rig, fleet: str = "") -> str:
             settings=flattened(outcome.settings),
             rig=rig,
             listed=LISTED,
-            readable=readable,
             colour_of=colour_of,
+            channel_units=CHANNEL_UNITS,
             versions=versions(),
             acquisition=acquisition_table(outcome.acquisition),
         )
@@ -217,8 +219,14 @@ def environment() -> Any:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    env.filters |= {"seconds": seconds, "percent": percent, "number": number}
-    env.globals["uplot"] = library
+    env.filters |= {
+        "seconds": seconds,
+        "percent": percent,
+        "number": number,
+        "chance": chance,
+        "quantity": quantity,
+    }
+    env.globals |= {"uplot": library, "readable": readable, "readable_share": readable_share}
     return env
 
 
@@ -227,9 +235,19 @@ def seconds(value: float | None) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:.3f} s"
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def number(value: float | None, count: int = 3) -> str:
     """A number for people."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+    return "–" if value is None else digits(value, count)
+
+
+def quantity(value: float | None, unit: str, count: int = 3) -> str:
+    """A value with the unit in which it is short."""
+    return "–" if value is None or not math.isfinite(value) else with_unit(value, unit, count=count)
+
+
+def chance(p: float | None) -> str:
+    """A probability of a test, which below one in ten thousand says no more."""
+    return "–" if p is None or not math.isfinite(p) else "below 0.0001" if p < 1e-4 else digits(p, 2)
 
 
 def doubts(outcome: Outcome) -> list[str]:
@@ -279,7 +297,8 @@ def doubts(outcome: Outcome) -> list[str]:
             f"explains the "
             "data only with constants that no rig shows, or leaves too much of them unexplained."
         )
-    found += [f"{reason[0].upper()}{reason[1:]}." for reason in verdict.reasons]
+    untold = [reason for reason in verdict.reasons if reason not in outcome.explanation]
+    found += [f"{reason[0].upper()}{reason[1:]}." for reason in untold]
     if verdict.isolated_s is None and verdict.label != NOMINAL:
         found.append(
             "While it ran, no hypothesis of the bank said so: curves below show what they thought, the verdict is that of the "

@@ -13,7 +13,9 @@ ONSET = "#8a6100"
 EVER = 0.02  # a hypothesis that was never likelier is not drawn
 RIVALS = 3  # whose evidence is drawn from the start; the others' lines are a click away
 BEFORE_S, AFTER_S, PAST_S = 0.03, 0.12, 0.03  # shown before an onset, after it, and after the isolation
+FAR_S = 0.25  # before an onset whose interval begins earlier still
 MOST_VIEWS = 40
+FEWEST = 20  # samples of a view that is worth a button
 
 BY_CHANNEL = (("voltage", "#8a6100"), ("current", "#0b62b0"), ("position", "#7a3b9a"))
 # name, unit, factor from SI, narrowest range shown
@@ -33,7 +35,7 @@ def draw(outcome: Outcome) -> dict[str, Charts]:
     panels = (*signals(traces, outcome.modes, isolation), posterior(traces, isolation),
               evidence(traces, outcome.modes, isolation.verdict), *by_channel(traces, outcome.modes, isolation.verdict),
               *innovations(traces))  # fmt: skip
-    kept = views(isolation)
+    kept = tuple(view for view in views(isolation) if _is_full(traces, view))
     start = 0 if isolation.verdict.label != NOMINAL and kept else None
     drawn = {"log": Charts("log", panels, marks(isolation), kept, start)}
     if traces.mixture_t.size > 1:
@@ -196,7 +198,9 @@ def views(isolation: Isolation) -> tuple[View, ...]:
             continue
         name, at = _words(event.label, event.channel), event.onset_s
         if at is not None:
-            low = min(at, at if event.onset_interval_s[0] is None else event.onset_interval_s[0])
+            low = max(
+                at - FAR_S, min(at, at if event.onset_interval_s[0] is None else event.onset_interval_s[0])
+            )
             known = event.end_s if event.isolated_s is None else event.isolated_s
             found.append(View(f"{name}, {at:.3f} s", low - BEFORE_S, max(at + AFTER_S, known + PAST_S)))
             if known > at + 2.0 * AFTER_S:
@@ -211,6 +215,12 @@ def views(isolation: Isolation) -> tuple[View, ...]:
     return tuple(found[:MOST_VIEWS])
 
 
+def _is_full(traces: Traces, view: View) -> bool:
+    """Whether samples are there to be seen: of a log with many faults those of the first ones are kept."""
+    inside = np.count_nonzero((traces.t >= view.low) & (traces.t <= view.high))
+    return bool(inside >= FEWEST)
+
+
 def captions(outcome: Outcome) -> dict[str, str]:
     """What each group of charts shows, {name: sentences}."""
     found = {
@@ -219,7 +229,7 @@ def captions(outcome: Outcome) -> dict[str, str]:
         "since the onset are likelier under the verdict than under a rival, on a scale that is logarithmic beyond one; "
         "which channel tells it is seen in the residuals that the verdict spares, each over its noise. Surprise: "
         "what the best model of each moment did not foresee; if it fits, 95 % of the dots lie in the grey band and show no "
-        "pattern. Where samples are too many, extremes are kept; around every fault each one is there.",
+        "pattern. Where samples are too many, extremes are kept; around the faults that the buttons lead to each one is there.",
         "norms": "Norm of the residuals in current, position and speed (equation 19). The mixture's models run open loop "
         "from the detection on: they never look at the data again, so they drift apart. Its norms are scaled by its constant "
         "standard deviations, the bank's by the noise of the sensors: the two have scales of their own.",

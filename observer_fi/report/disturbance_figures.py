@@ -5,17 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer_fi.improve import DRAWN, BinnedDisturbance, SmoothedDisturbance
+from observer_fi.numerics import readable
 from observer_fi.report.interactive import INK, Charts, Panel, Series, thinned
 from observer_fi.report.learning_figures import AFTER, ALONG, BEFORE, REGRESSORS, ZERO, quantity
 
-HANDY = {
-    "N m": ("mN m", 1e3),
-    "V": ("mV", 1e3),
-    "A": ("mA", 1e3),
-    "m": ("µm", 1e6),
-    "m/s": ("mm/s", 1e3),
-    "N m s/rad": ("nN m s/rad", 1e9),
-}
 _RANGE, _ROOM = (
     (0.01, 0.99),
     0.3,
@@ -30,14 +23,15 @@ def of_disturbances(disturbances: Sequence[SmoothedDisturbance]) -> list[tuple[C
     ]
 
 
-def handy(unit: str) -> tuple[str, float]:
-    """A unit in which the numbers are short, and the factor to it."""
-    return HANDY.get(unit, (unit, 1.0))
+def _handy(disturbance: SmoothedDisturbance) -> tuple[str, float]:
+    """The unit in which nearly all of a disturbance is short, and the factor to it."""
+    low, high = _limits(disturbance, 1.0)
+    return readable(disturbance.what.unit, max(-low, high))
 
 
 def over_time(disturbance: SmoothedDisturbance, number: int) -> Charts:
     """One disturbance over the moves with its 95 % band."""
-    unit, factor = handy(disturbance.what.unit)
+    unit, factor = _handy(disturbance)
     t, (mean, low, high) = thinned(
         disturbance.t,
         factor * disturbance.mean,
@@ -47,7 +41,7 @@ def over_time(disturbance: SmoothedDisturbance, number: int) -> Charts:
     )
     line = Series("smoothed, with its 95 % band", mean, AFTER, 1.0, low=low, high=high)
     about = f"What the {disturbance.what.name} would have to be over the moves, with a band of 95 %."
-    panel = Panel(disturbance.what.name.capitalize(), "" if unit == "1" else unit, t, (line,), about,
+    panel = Panel(disturbance.what.name.capitalize(), unit, t, (line,), about,
                   "time along the moves [s]", limits=_limits(disturbance, factor), levels=ZERO, height=170)  # fmt: skip
     return Charts(f"disturbance-{number}", (panel,))
 
@@ -65,16 +59,14 @@ def _limits(disturbance: SmoothedDisturbance, factor: float) -> tuple[float, flo
 
 def over_regressors(disturbance: SmoothedDisturbance, number: int) -> Charts:
     """The mean of a disturbance over each regressor, by the direction of motion where it differs."""
-    unit, factor = handy(disturbance.what.unit)
+    unit, factor = _handy(disturbance)
     panels = []
     for name in (name for name in DRAWN if name in disturbance.curves):
         curve, (label, scale) = disturbance.curves[name], REGRESSORS[name]
         title = f"over {quantity(label)}, predicts {100.0 * curve.share:.0f} %"
         about = f"Mean {disturbance.what.name} over {label}, with a band of 95 %; it predicts {100.0 * curve.share:.0f} %."
         lines = _ways(curve, factor)
-        panels.append(
-            Panel(title, "" if unit == "1" else unit, scale * curve.at, lines, about, label, levels=ZERO)
-        )
+        panels.append(Panel(title, unit, scale * curve.at, lines, about, label, levels=ZERO))
     return Charts(f"disturbance-{number}-over", tuple(panels), small=True)
 
 

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from observer_fi.logs import readable
+from observer_fi.numerics import readable_share
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig, colour_of, mode_of, words_of
 from observer_fi.records import Array
 from observer_fi.report.diagnosis import NAMES, environment, versions
@@ -167,7 +167,7 @@ def _sizes(where: _Logs, events: Events, name: str) -> Panel:
     having = [(k, e) for k, e in events if name in e["severity"]]
     unit = having[0][1]["severity"][name]["unit"]
     largest = max(abs(e["severity"][name]["value"]) for _, e in having)
-    unit, factor = ("%", 100.0) if unit == "1" else readable(unit, largest)
+    unit, factor = readable_share(unit, largest)
     words = name.replace("_", " ")
     about = f"The {words} of every fault that has one, one dot each, in the colour of its kind."
     values = [factor * e["severity"][name]["value"] for _, e in having]

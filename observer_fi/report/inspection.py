@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from observer_fi.logs import Column, Guess, Inspection, Motion, meaning, shown_range, understood
+from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import acquisition_table
 from observer_fi.records import ChannelTraits
 
@@ -96,10 +97,10 @@ def _facts(found: Inspection) -> Iterator[str]:
     if clock is None:
         yield "clock: none found"
         return
-    said = [f"{clock.rate_hz:.5g} Hz over {clock.seconds:.5g} s"]
+    said = [f"{digits(clock.rate_hz, 5)} Hz over {digits(clock.seconds, 5)} s"]
     said += [f"starts {clock.start}"] if clock.start else []
-    said += [f"stamps in steps of {clock.resolution_s:.3g} s"] if clock.resolution_s else []
-    said.append(f"jitter {clock.jitter_s:.2g} s" if clock.jitter_s else "even")
+    said += [f"stamps in steps of {with_unit(clock.resolution_s, 's')}"] if clock.resolution_s else []
+    said.append(f"jitter {with_unit(clock.jitter_s, 's')}" if clock.jitter_s else "even")
     said.append(f"{clock.gaps} gap{'s' if clock.gaps != 1 else ''}" if clock.gaps else "no gaps")
     said += [f"{clock.backward} stamps that do not increase"] if clock.backward else []
     yield f"clock: {', '.join(said)}"
@@ -122,15 +123,15 @@ def _column_row(column: Column, guess: Guess | None) -> tuple[str, ...]:
     shown = (
         "no numbers"
         if span is None
-        else f"{span[0]:.5g} .. {span[1]:.5g}"
+        else f"{digits(span[0], 5)} .. {digits(span[1], 5)}"
         if span[0] != span[1]
-        else f"always {span[0]:.5g}"
+        else f"always {digits(span[0], 5)}"
     )
-    missing = f"{100.0 * column.missing:.2g} %" if column.missing else "-"
+    missing = f"{digits(100.0 * column.missing, 2)} %" if column.missing else "-"
     header = column.header or "(no name)"
     first = " ".join(column.texts)
     if guess is None:
-        strange = f"{100.0 * column.strange:.2g} % are no numbers" if column.strange else ""
+        strange = f"{digits(100.0 * column.strange, 2)} % are no numbers" if column.strange else ""
         return (
             header,
             shown,
@@ -168,12 +169,12 @@ def _log_lines(found: Inspection) -> Iterator[str]:
 
 
 def _traits(c: ChannelTraits, unit: str) -> str:
-    said = [f"noise {c.noise_std:.2g} {unit}"]
-    said += [f"steps of {c.resolution:.3g} {unit}"] if c.resolution else []
-    said += [f"fresh at {c.update_hz:.4g} Hz only"] if c.update_hz else []
+    said = [f"noise {with_unit(c.noise_std, unit)}"]
+    said += [f"steps of {with_unit(c.resolution, unit)}"] if c.resolution else []
+    said += [f"fresh at {digits(c.update_hz, 4)} Hz only"] if c.update_hz else []
     said += [f"mean of {c.averaged} samples"] if c.averaged > 1 else []
-    said += [f"coloured over {c.correlation_s:.2g} s"] if c.correlation_s else []
-    said += [f"lines at {', '.join(f'{line.hz:.4g}' for line in c.lines)} Hz"] if c.lines else []
+    said += [f"coloured over {with_unit(c.correlation_s, 's')}"] if c.correlation_s else []
+    said += [f"lines at {', '.join(digits(line.hz, 4) for line in c.lines)} Hz"] if c.lines else []
     said += [f"{c.spikes} spikes"] if c.spikes else []
     return ", ".join(said)
 
@@ -188,7 +189,7 @@ def _moves(found: Inspection) -> str:
 
 
 def _move(move: Motion) -> str:
-    return f"{move.start_s:.2f} to {move.end_s:.2f} s ({1e3 * move.travel:+.3g} mm)"
+    return f"{move.start_s:.2f} to {move.end_s:.2f} s ({with_unit(move.travel, 'm', '+')})"
 
 
 def _need_lines(found: Inspection) -> Iterator[str]:

@@ -16,11 +16,12 @@ from observer_fi.improve import (
     Value,
     to_json,
 )
-from observer_fi.logs import Excitation, readable
+from observer_fi.logs import Excitation
+from observer_fi.numerics import digits, to_the_error, with_error
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
 from observer_fi.records import Array, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
-from observer_fi.report.diagnosis import environment, json_text, number, versions
+from observer_fi.report.diagnosis import environment, json_text, quantity, versions
 
 Gain = tuple[DiagnosisGain, DiagnosisGain] | None
 
@@ -37,12 +38,12 @@ def improve_files(
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, note=note, figures=drawn, headline=improve_headline(record), words=plain,
-        causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=value, versions=versions(), rmse=RMSE,
+        causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=with_error, versions=versions(),
+        rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
-        likeness=likeness(record),
-        handy=disturbance_figures.handy, readable=readable,
-        shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
-        not_kept=not_kept(record), size=reader_of(record), main=learning_figures.main_channel(record.before),
+        likeness=likeness(record), shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
+        digits_of=to_the_error, not_kept=not_kept(record), size=reader_of(record),
+        main=learning_figures.main_channel(record.before),
         smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
     return {
@@ -142,8 +143,8 @@ def excitation_sentence(shown: Excitation) -> str:
     one_way = "forward only" if 1 in shown.directions else "backward only"
     ways = one_way if len(shown.directions) == 1 else "both directions"
     speeds = ", ".join(f"{speed:.0f}" for speed in shown.speeds)
-    pitches = ", ".join(f"{round(pitch, 1) + 0.0:g}" for pitch in shown.pitches)
-    seconds = ", ".join(f"{s:.2g} s {phase}" for phase, s in shown.seconds.items() if s > 0.0)
+    pitches = ", ".join(f"{digits(round(pitch, 1))}" for pitch in shown.pitches)
+    seconds = ", ".join(f"{digits(s, 2)} s {phase}" for phase, s in shown.seconds.items() if s > 0.0)
     turns = f", {shown.reversals} reversals without a rest" if shown.reversals else ""
     return f"{shown.moves} moves, {ways}{turns}; speeds {speeds} rad/s; pitch {pitches} deg; {seconds}"
 
@@ -175,8 +176,8 @@ def identify_files(
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, note=note, figures=drawn, value=value, versions=versions(),
-        by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
+        fit=fit, rig=rig, name=name, logs=logs, note=note, figures=drawn, value=with_error, digits_of=to_the_error,
+        versions=versions(), by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
         units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
     return {
@@ -198,15 +199,15 @@ def correlated(fit: Fit) -> list[tuple[str, list[float]]]:
 
 
 RMSE = {
-    "current_a": ("current", 1e3, "mA"), "position_m": ("position", 1e6, "µm"), "speed_rad_s": ("speed", 1.0, "rad/s"),
-    "voltage_v": ("voltage", 1e3, "mV"), "force_n": ("force", 1.0, "N"),
+    "current_a": ("current", "A"), "position_m": ("position", "m"), "speed_rad_s": ("speed", "rad/s"),
+    "voltage_v": ("voltage", "V"), "force_n": ("force", "N"),
 }  # fmt: skip
 
 
 def left_over(rmse: dict[str, float]) -> str:
     """Root mean squares of a fit in words and handy units."""
     known = [(*RMSE[name], value) for name, value in rmse.items() if name in RMSE]
-    return ", ".join(f"{name} {number(scale * value, 3)} {unit}" for name, scale, unit, value in known)
+    return ", ".join(f"{name} {quantity(value, unit)}" for name, unit, value in known)
 
 
 def identify_json(fit: Fit) -> dict[str, Any]:
@@ -228,9 +229,3 @@ def _fields(parameter: Parameter) -> dict[str, Any]:
 def plain(name: str) -> str:
     """The name of a cause or parameter in words."""
     return name.replace("_", " ")
-
-
-def value(v: float, std: float, unit: str) -> str:
-    """A value with its standard error, in the unit in which both are short."""
-    shown, factor = readable(unit, max(abs(v), abs(std)))
-    return f"{number(factor * v, 4)} ± {number(factor * std, 2)} {shown}".rstrip()

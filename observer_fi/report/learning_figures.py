@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from observer_fi.improve import Improvement, Residuals, Smooth
+from observer_fi.numerics import readable
 from observer_fi.physics import Curve
 from observer_fi.records import Array, Fit
 from observer_fi.report.interactive import MUTED, Charts, Level, Panel, Series, joined, thinned
@@ -26,17 +27,18 @@ REGRESSORS = {
 }
 _OF_FORCE = {"current": ("commanded force [N]", 1.0)}  # what commands there
 UNITS = {
-    "torque": ("torque", "mN m", 1e3),
-    "electrical": ("resistance", "ohm", 1.0),
-    "kinematics": ("share of travel", "", 1.0),
-    "sensor:position": ("position error", "µm", 1e6),
-    "sensor:current": ("current error", "mA", 1e3),
-    "sensor:voltage": ("voltage error", "mV", 1e3),
+    "torque": ("torque", "N m"),
+    "electrical": ("resistance", "ohm"),
+    "kinematics": ("share of travel", "1"),
+    "sensor:position": ("position error", "m"),
+    "sensor:current": ("current error", "A"),
+    "sensor:voltage": ("voltage error", "V"),
 }
 AXES = {
-    "current": "current [A]", "voltage": "terminal voltage [V]", "pitch": "pitch [deg]", "torque": "motor torque [N m]",
-    "time": "time [s]", "speed": "speed [rad/s]", "error": "speed less command [rad/s]", "x": "position [m]",
-    "angle": "motor angle [rad]",
+    "current": ("current", "A"), "voltage": ("terminal voltage", "V"), "pitch": ("pitch", "deg"),
+    "torque": ("motor torque", "N m"), "time": ("time", "s"), "speed": ("speed", "rad/s"),
+    "error": ("speed less command", "rad/s"), "x": ("position", "m"),
+    "angle": ("motor angle", "rad"),
 }  # fmt: skip
 RIGS = (("refitted rig", BEFORE), ("extended rig", AFTER))  # before and after
 ALONG = 4000  # points of a line over the logs, at most
@@ -128,7 +130,8 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
     panels = []
     for term in [term for term in terms if term.at.size][:3]:
         label, scale = regressor(residuals, term.regressor)
-        what, unit, factor = UNITS.get(term.equation, (term.equation, "", 1.0))
+        what, unit = UNITS.get(term.equation, (term.equation, "1"))
+        unit, factor = readable(unit, float(np.nanmax(np.abs(term.curve))))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]
         line = Series(what, y, AFTER, 1.8, low=y - band, high=y + band)
@@ -151,7 +154,8 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
 def kept_curve(curve: Curve) -> Charts:
     """The empirical curve of the extended rig at its points, with a band of two standard errors."""
     label, scale = REGRESSORS[curve.regressor]
-    what, unit, factor = UNITS[curve.equation]
+    what, unit = UNITS[curve.equation]
+    unit, factor = readable(unit, max(map(abs, curve.values)))
     x = np.array([scale * (curve.first + k * curve.step) for k in range(len(curve.values))])
     y = np.array([factor * v for v in curve.values])
     band = np.array([2.0 * factor * v for v in curve.std or (0.0,) * y.size])
@@ -234,21 +238,31 @@ def step_chart(name: str, step: Any) -> Charts:
     curves = _pairs(step)
     x = curves[0][1]
     ways = np.asarray(step.arrays.get("direction", np.ones(x.size)))
+    both = np.unique(ways)
     drawn = [(label, y, MUTED, 0.0) for label, _, y in curves[:1]]
     for k, (label, _, y) in enumerate(curves[1:]):
-        colour = (AFTER, BEFORE)[k % 2]
-        drawn += [(label, np.where(ways == way, y, np.nan), colour, 1.5) for way in np.unique(ways)]
+        for way in both:
+            called = f"{label}, {'forward' if way > 0 else 'backward'}" if both.size > 1 else label
+            drawn.append((called, np.where(ways == way, y, np.nan), (AFTER, BEFORE)[k % 2], 1.5))
     order = np.argsort(x, kind="stable")
     dots = 5.0 if x.size < 40 else 2.5
+    label, across = _axis(next(iter(step.arrays)), x)
+    what, up = _axis(curves[0][0], curves[0][2])
     lines = [
-        Series(label.replace("_", " "), y[order], colour, width, points=0.0 if width else dots, spans=True)
-        for label, y, colour, width in drawn
+        Series(
+            called.replace("_", " "), up * y[order], colour, width, points=0.0 if width else dots, spans=True
+        )
+        for called, y, colour, width in drawn
     ]
-    label, what = _axis(next(iter(step.arrays))), _axis(curves[0][0])
     title = f"{name.replace('_', ' ').capitalize()}, equation {step.equation}: {what}"
     about = f"{what.capitalize()} over {label}: data of the step as dots, what was fitted to them as lines."
-    return Charts(f"step-{name}", (Panel(title, "", x[order], tuple(lines), about, label, height=170),))
+    return Charts(
+        f"step-{name}", (Panel(title, "", across * x[order], tuple(lines), about, label, height=170),)
+    )
 
 
-def _axis(name: str) -> str:
-    return AXES.get(name, name.replace("_", " "))
+def _axis(name: str, values: Array) -> tuple[str, float]:
+    """Label of an axis with the unit in which its values are short, and the factor to it."""
+    words, unit = AXES.get(name, (name.replace("_", " "), "1"))
+    shown, factor = readable(unit, float(np.nanmax(np.abs(values), initial=0.0)))
+    return (f"{words} [{shown}]" if shown else words), factor

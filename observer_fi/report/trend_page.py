@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from observer_fi.logs import readable, with_unit
+from observer_fi.numerics import digits, readable, to_the_error, with_unit
 from observer_fi.records import Array
 from observer_fi.report.diagnosis import environment, json_text, versions
 from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
@@ -211,7 +211,7 @@ def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = N
             score=score_chart(found, reports), reports=reports, fleet=fleet,
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
             colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit, level=_level, moved=_moved,
-            short=_short, percent=in_percent,
+            short=_short, sizes=_sizes, cause=_cause, percent=in_percent,
         )
     )  # fmt: skip
 
@@ -226,9 +226,24 @@ def _level(value: float, unit: str) -> str:
     return "" if unit == "1" else with_unit(value, unit)
 
 
+def _sizes(f: Finding) -> tuple[str, str, str]:
+    """What it was, by how much it changed, and the standard error of that, in one unit and to the digit that the error leaves."""
+    if f.unit == "1":
+        return "", _moved(f.size, f.unit), _moved(f.std, f.unit).removeprefix("+")
+    unit, factor = readable(f.unit, max(abs(f.before), abs(f.size)))
+    before, size, std = (to_the_error(factor * v, factor * f.std) for v in (f.before, f.size, f.std))
+    return f"{before} {unit}", f"{'+' if f.size > 0.0 else ''}{size} {unit}", f"{std} {unit}"
+
+
+def _cause(f: Finding) -> str:
+    """The cause in words; that of a friction which the contract calls by what it is in one direction says so."""
+    both = f.name == "A" and f.cause == "asymmetric_friction"
+    return "friction, in both directions" if both else f.cause.replace("_", " ")
+
+
 def _moved(size: float, unit: str) -> str:
     """A change with its sign; of a logarithm in per cent."""
-    return f"{100.0 * math.expm1(size):+.3g} %" if unit == "1" else with_unit(size, unit, "+")
+    return f"{digits(100.0 * math.expm1(size), sign='+')} %" if unit == "1" else with_unit(size, unit, "+")
 
 
 def _least(found: Trend) -> list[tuple[str, float, float, str]]:
@@ -276,7 +291,7 @@ def lanes(found: Trend, rows: list[int], name: str, reports: Mapping[str, str] =
         middle = found.baseline.coefficients[0, row] * factor
         words, own = in_words(found.baseline.names[row]), found.baseline.names[row]
         marks = tuple(
-            Mark(float(times[f.row]), f"{f.kind}: {f.cause.replace('_', ' ')}", COLOURS[CHANGED])
+            Mark(float(times[f.row]), f"{f.kind}: {_cause(f)}", COLOURS[CHANGED])
             for f in found.findings
             if own in f.names
         )
@@ -328,22 +343,33 @@ def _paths(found: Trend) -> Sequence[str]:
     return found.paths if found.history is not None else found.table.paths
 
 
+def _along(found: Trend, judged: Sequence[Judged]) -> tuple[Array, str, str]:
+    """Where judged logs stand, label and link of that axis: that of the lanes, where they have ascending places there."""
+    times, label = _places(found)
+    place = dict(zip(_paths(found), times.tolist(), strict=True))
+    x = np.array([place.get(j.digest.path, math.nan) for j in judged], dtype=np.float64)
+    if np.isfinite(x).all() and (np.diff(x) > 0.0).all():
+        return x, label, "logs"
+    return np.arange(x.size, dtype=np.float64), "logs in order", ""
+
+
 def score_chart(found: Trend, reports: Mapping[str, str] = NONE) -> Charts:
     """The score of every log against the limit."""
     judged = [j for j in found.logs if j.verdict != NOT_TESTED]
     if not judged:
         return Charts("score", ())
     y, verdicts = np.array([j.score for j in judged]), np.array([j.verdict for j in judged])
-    limit = Level(1.0, f"limit: one false alarm in {1.0 / found.rate:.4g} logs")
+    limit = Level(1.0, f"limit: one false alarm in {digits(1.0 / found.rate, 4)} logs")
     about = "Distance of every log from healthy ones, one dot each; above the dashed line a log has changed."
-    x = np.arange(y.size, dtype=np.float64)
+    x, label, link = _along(found, judged)
     panel = Panel(
         "Score",
         "",
         x,
         tuple(_dots(y, verdicts)),
         about,
-        "logs in order",
+        label,
+        link,
         levels=(Level(0.0), limit),
         height=150,
         names=tuple(_short(j.digest.path) for j in judged),

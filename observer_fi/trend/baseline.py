@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit  # the quantiles of scipy.stats, which takes a second to import
 
 from observer_fi.errors import UsageError
+from observer_fi.numerics import with_unit
 from observer_fi.records import Array
 from observer_fi.trend.kinds import kind_of
 from observer_fi.trend.table import Table, regressors
@@ -358,6 +359,7 @@ def outside(baseline: Baseline, table: Table, row: int) -> tuple[str, ...]:
             words = name.rpartition("_")[0] if name.endswith(("_n", "_deg", "_m")) else "speed"
             unit = UNITS.get(name, "")
             found.append(
-                f"{words.replace('_', ' ')} {value:.3g} {unit} is outside the baseline's {low:.3g} to {high:.3g} {unit}"
+                f"{words.replace('_', ' ')} {with_unit(value, unit)} is outside the baseline's {with_unit(low, unit)} to "
+                f"{with_unit(high, unit)}"
             )
     return tuple(found)

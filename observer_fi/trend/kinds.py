@@ -3,6 +3,8 @@
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+from observer_fi.numerics import with_unit
+
 
 class Kind(NamedTuple):
     """Quantities whose names match `pattern`.
@@ -280,4 +282,4 @@ def in_words(name: str) -> str:
     band = next((band for band in ("slow", "middle", "fast") if f"_{band}_" in base), "")
     words = f"{band} {kind.words or base.replace('_', ' ')}".strip()
     words += f", {ways[0]}" if ways else ""
-    return words + (f", every {1e3 * float(period):.3g} mm" if period else "")
+    return words + (f", every {with_unit(float(period), 'm')}" if period else "")

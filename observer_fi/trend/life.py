@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.errors import UsageError
-from observer_fi.logs import with_unit
+from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Array
 from observer_fi.trend.ahead import Ahead, ahead
@@ -359,7 +359,7 @@ def _words(
     signed = kind_of(name).group in ("ripple", "travel")  # parts of an amplitude: no part of what was before
     percent = "" if signed else ratio_words(before + size, before, std)
     if unit == "1":
-        percent = f"{100.0 * math.expm1(size):+.0f} %"
+        percent = f"{digits(100.0 * math.expm1(size), sign='+')} %"
     much = percent or with_unit(size, unit, "+")
     how = {"step": "since", "drift": "rising since" if size > 0.0 else "falling since"}[kind]
     both = ", in both directions" if name == "A" else ""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.numerics import digits
 from observer_fi.records import Array
 from observer_fi.trend.baseline import ALL, Baseline, Departure, groups_of
 from observer_fi.trend.kinds import KINDS, kind_of
@@ -170,4 +171,4 @@ def ratio_words(value: float, before: float, std: float) -> str:
     if before * value <= 0.0 or not math.isfinite(before) or abs(before) < 3.0 * std:
         return ""
     percent = 100.0 * (value / before - 1.0)
-    return f"{percent:+.2g} %" if abs(percent) < 10.0 else f"{percent:+.0f} %"
+    return f"{digits(percent, 2 if abs(percent) < 10.0 else 3, '+')} %"

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from observer_fi.logs import FEWEST_STEPS
+from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.as_logged import AsLogged
@@ -34,13 +35,13 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *_of_time(part, rate_hz)]
     if known.offset:
         found.append(
-            f"voltage_v reads {known.offset:.3g} V more at rest than current_a explains: taken for zero offsets and taken out; "
-            "zero the sensors"
+            f"voltage_v reads {with_unit(known.offset, 'V')} more at rest than current_a explains: taken for zero offsets "
+            "and taken out; zero the sensors"
         )
     step = known.acquisition.clock.resolution_s
     if step:
         found.append(
-            f"time_s is rounded to {step:.3g} s: taken for an even clock; log times with more digits"
+            f"time_s is rounded to {with_unit(step, 's')}: taken for an even clock; log times with more digits"
         )
     return tuple(found)
 
@@ -50,8 +51,8 @@ def _of_the_model(isolation: Isolation) -> Iterator[str]:
     if isolation.verdict.label != NOT_TESTED and fit.nis_mean > MISFIT * fit.nis_expected:
         yield (
             f"no hypothesis describes this machine as well as its sensors can tell (normalised innovation squared "
-            f"{fit.nis_mean:.3g}, {fit.nis_expected:.2g} expected): is it another actuator, unit or load than the rig file's? "
-            "Identify the rig from healthy logs first"
+            f"{digits(fit.nis_mean)}, {digits(fit.nis_expected)} expected): is it another actuator, unit or load than "
+            "the rig file's? Identify the rig from healthy logs first"
         )
 
 
@@ -64,19 +65,19 @@ def _of_readings(part: Part, rate_hz: float) -> Iterator[str]:
         )
     if traits.update_hz:
         yield (
-            f"{part.column} is held, fresh {traits.update_hz:.4g} times a second: what a fault does to it shows up to "
-            f"{1e3 / traits.update_hz:.3g} ms late; log it at {rate_hz:.4g} Hz"
+            f"{part.column} is held, fresh {digits(traits.update_hz)} times a second: what a fault does to it shows up to "
+            f"{with_unit(1.0 / traits.update_hz, 's')} late; log it at {digits(rate_hz, 4)} Hz"
         )
     if traits.resolution and traits.travel < FEWEST_STEPS * traits.resolution:
         yield (
-            f"{part.column} comes in steps of {traits.resolution:.3g} {part.unit} and covers "
+            f"{part.column} comes in steps of {with_unit(traits.resolution, part.unit)} and covers "
             f"{traits.travel / traits.resolution:.0f} of them: left out, so that nothing can be told that shows in it only; "
             "choose a finer range or more digits"
         )
     elif traits.resolution and traits.resolution > COARSE * max(traits.noise_std, part.usual):
         yield (
-            f"{part.column} comes in steps of {traits.resolution:.3g} {part.unit}, more than its noise: what is smaller shows "
-            "only once it has added up; choose a finer range or more digits"
+            f"{part.column} comes in steps of {with_unit(traits.resolution, part.unit)}, more than its noise: what is smaller "
+            "shows only once it has added up; choose a finer range or more digits"
         )
 
 
@@ -84,23 +85,27 @@ def _of_noise(part: Part) -> Iterator[str]:
     traits = part.traits
     if traits.grown > 1.0:
         yield (
-            f"the noise of {part.column} grows {traits.grown:.2g} times from the first rest to the last: taken for another "
-            "range, and the larger one for the noise of the whole log; keep one range"
+            f"the noise of {part.column} grows {digits(traits.grown, 2)} times from the first rest to the last: taken for "
+            "another range, and the larger one for the noise of the whole log; keep one range"
         )
     if not traits.as_white > LOUD * part.usual:
         return
     if traits.lines:
         lines = ", ".join(
-            f"{line.hz:.4g} Hz ({line.amplitude:.2g} {part.unit})" for line in sorted(traits.lines)
+            f"{digits(line.hz, 4)} Hz ({with_unit(line.amplitude, part.unit)})"
+            for line in sorted(traits.lines)
         )
         why, cure = f"carries periodic disturbances at {lines}", "shield or ground it"
     elif traits.correlation_s:
-        why, cure = f"has noise that wanders over {1e3 * traits.correlation_s:.2g} ms", "look for its source"
+        why, cure = (
+            f"has noise that wanders over {with_unit(traits.correlation_s, 's')}",
+            "look for its source",
+        )
     else:
-        why, cure = f"has a noise of {traits.noise_std:.2g} {part.unit}", "look for its source"
+        why, cure = f"has a noise of {with_unit(traits.noise_std, part.unit)}", "look for its source"
     yield (
-        f"{part.column} {why}, and tells as little as with {traits.as_white / part.usual:.2g} times the noise of the rig file: "
-        f"small faults do not show in it, others later; {cure}"
+        f"{part.column} {why}, and tells as little as with {digits(traits.as_white / part.usual, 2)} times the noise of the "
+        f"rig file: small faults do not show in it, others later; {cure}"
     )
 
 
@@ -108,10 +113,10 @@ def _of_time(part: Part, rate_hz: float) -> Iterator[str]:
     if part.traits.averaged > 1:
         yield (
             f"{part.column} is a mean of the last {part.traits.averaged} samples: what a fault does to it shows up to "
-            f"{1e3 * part.traits.averaged / rate_hz:.2g} ms late; log it without"
+            f"{with_unit(part.traits.averaged / rate_hz, 's')} late; log it without"
         )
     elif part.late >= LATE:
         yield (
-            f"{part.column} is {1e3 * part.late / rate_hz:.2g} ms later than the other channels: set right; log all channels at "
-            "one time"
+            f"{part.column} is {with_unit(part.late / rate_hz, 's')} later than the other channels: set right; log all "
+            "channels at one time"
         )

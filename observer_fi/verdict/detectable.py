@@ -200,6 +200,4 @@ def _told(row: FaultRow, least: Least, value: float, rig: Rig) -> Detectable:
     own = next(o for o in row.sizes if o.name == least.constant)
     unit = "s" if least.lasts else "1" if own.absolute or own.of_friction else PARAMETERS[own.name][0]
     value = least.told(rig.model, value)
-    return Detectable(
-        row.label, least.name, value, unit, least.words.format(f"{float(f'{least.scale * value:.2g}'):g}")
-    )
+    return Detectable(row.label, least.name, value, unit, least.says(value, unit))

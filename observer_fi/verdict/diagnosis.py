@@ -273,8 +273,8 @@ class Diagnosis:
 
     def _spans(self) -> list[sketch.Span]:
         """What is known to matter so far [s]: the first start of a move, onsets, and when they became certain."""
-        event = self.isolator.current
-        begun = [] if event is None or self.onsets else [_around(event.start_s + NEAR_S)]
+        moves = (*self.isolator.events[:1], self.isolator.current)
+        begun = [_around(moves[0].start_s + NEAR_S)] if moves[0] is not None else []
         return begun + [
             span for (since, _), found in self.onsets.values() for span in _shown(found.median, since)
         ]

@@ -107,6 +107,6 @@ def jammed_before(
     return event._replace(
         label="jam", probability=SURE, posterior=mostly("jam", event), onset_s=event.start_s, detected_s=event.start_s,
         onset_interval_s=(event.start_s, event.start_s), alike=(NOMINAL,),
-        severity=(Severity(own.tells or "friction_rise", rise, (rise - half, rise + half), "1", own.words.format(rise)),),
+        severity=(Severity(own.tells or "friction_rise", rise, (rise - half, rise + half), "1", own.says(rise, "1")),),
         reasons=(f"friction is {factor:.2f} times that of the rig file from the first sample on: jammed before, or another rig",),
     )  # fmt: skip

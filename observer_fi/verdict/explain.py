@@ -68,7 +68,10 @@ def _when(v: Event) -> str:
     low, high = v.onset_interval_s
     text = f"It began at {v.onset_s:.3f} s"
     if low is not None and high is not None and high > low:
-        text += f" (95 % between {low:.3f} and {high:.3f} s)"
+        told = f"{low:.3f}", f"{high:.3f}"
+        text += (
+            " (to the millisecond)" if told[0] == told[1] else f" (95 % between {told[0]} and {told[1]} s)"
+        )
     if v.isolated_s is not None:
         text += f" and was certain from {v.isolated_s:.3f} s on"
     if v.over_s is not None:

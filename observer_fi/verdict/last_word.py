@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move
+from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
@@ -371,7 +372,7 @@ class LastWord:
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
         value, half = scale * value, Z95 * abs(scale) * std
-        return Severity(own.tells, value, (value - half, value + half), unit, own.words.format(value))
+        return Severity(own.tells, value, (value - half, value + half), unit, own.says(value, unit))
 
     def _friction(self, path: Path) -> tuple[float, float]:
         """Friction of the healthy rig as the move has it [N m], and the relative standard deviation of that."""
@@ -437,4 +438,5 @@ def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
 
 def _why(best: Story, whole: WholeMove) -> str:
     while_it = "" if whole.lasts(best.path) else " for a while"
-    return f"the whole move says so: {best.gain:.0f} nats better with this fault{while_it} than without"
+    powers = digits(best.gain / math.log(10.0))
+    return f"the whole move says so: with this fault{while_it} it is likelier by {powers} powers of ten than without"

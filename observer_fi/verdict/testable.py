@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import log_feed
+from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNLEARNED, Rig, words_of
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
@@ -51,11 +52,9 @@ class Testable:
         if self.moving < FEWEST_MOVING:
             return f"the log holds {self.moving} samples in motion, and {FEWEST_MOVING} are needed"
         if rig.watched.servo and rate_hz < SLOWEST_HZ:
-            return (
-                f"{rate_hz:.3g} samples/s are too few: {SLOWEST_HZ:.0f} are needed to see how the servo rings"
-            )
+            return f"{digits(rate_hz)} samples/s are too few: {SLOWEST_HZ:.0f} are needed to see how the servo rings"
         if rig.watched.servo and rate_hz < SURE_HZ and label in ("sensor_fault", "unknown"):
-            return f"at {rate_hz:.3g} samples/s (of {SURE_HZ:.0f}) neither the model nor a sensor can be doubted with reason"
+            return f"at {digits(rate_hz)} samples/s (of {SURE_HZ:.0f}) neither the model nor a sensor can be doubted with reason"
         variance = self.squares - self.sum**2 / self.commanded
         if self.changes > ROUGHEST * variance > 0.0:
             return "the commanded speed changes at random from sample to sample: it is no command"

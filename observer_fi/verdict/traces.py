@@ -15,6 +15,7 @@ BUCKETS = 600  # at most twice as many are held; each keeps up to six rows: the 
 MOST_SAMPLES = 3000  # kept near moments: 2 s of 1600 Hz, so that the page of a short log stays below 1.5 MB,
 MORE_A_SECOND = 4.0  # and so many more a second of the log, so that an hour's stays below 5 MB
 REMEMBERED_S = 1.0  # of the samples before a chunk: a moment may turn out to lie in them
+_FINITE = 1e300  # densities beyond say the same
 MOST_NATS = (
     50.0  # by which one sample may tell against a hypothesis: a filter that starts anew says "impossible"
 )
@@ -72,9 +73,11 @@ class Evidence:
 
         z (n, 3) readings; std (3,) their noise; starts: when moves began [s].
         """
-        told = np.column_stack((_less_likely(e), _spared(e, z, std)))
-        before = np.zeros(told.shape[1]) if self.before is None else self.before
-        found = before + np.cumsum(np.where(e.active[:, None], told, 0.0), axis=0)
+        found = np.concatenate((_less_likely(e), _spared(e, z, std)), axis=1)
+        before = np.zeros(found.shape[1]) if self.before is None else self.before
+        found[~e.active] = 0.0
+        np.cumsum(found, axis=0, out=found)
+        found += before
         for start in sorted(starts):
             k = int(np.searchsorted(e.t, start))
             if k < e.t.size and e.t[k] == start:
@@ -88,14 +91,19 @@ def _less_likely(e: Estimate) -> Array:
     """Log-density of each sample under each hypothesis less that of the best, (n, m)."""
     if not e.density.size:
         return np.zeros_like(e.probability)
-    told = np.nan_to_num(e.density, nan=0.0)
-    return np.maximum(told - told.max(axis=1, keepdims=True), -MOST_NATS)
+    told = np.where(np.isnan(e.density), 0.0, e.density)
+    np.clip(told, -_FINITE, _FINITE, out=told)
+    told -= told.max(axis=1, keepdims=True)
+    return np.maximum(told, -MOST_NATS, out=told)
 
 
 def _spared(e: Estimate, z: Array, std: Array) -> Array:
     """Minus half the squared residual of each hypothesis over the noise, channel by channel, (n, 3 m)."""
-    half = 0.5 * np.nan_to_num((z[:, None, :] - e.predicted) / std) ** 2
-    return -np.minimum(half, MOST_NATS).reshape(len(z), -1)
+    half = (z[:, None, :] - e.predicted) / std
+    half *= half
+    half *= -0.5
+    half[np.isnan(half)] = 0.0
+    return np.maximum(half, -MOST_NATS, out=half).reshape(len(z), -1)
 
 
 def as_judged(traces: Traces, modes: tuple[str, ...], events: Sequence[Event]) -> Array:

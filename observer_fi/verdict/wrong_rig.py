@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from observer_fi.numerics import digits
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
 from observer_fi.records import Consistency, Event, Outcome
 
@@ -55,6 +56,6 @@ def wrong_rig(
         return _FROM_THE_START if _from_the_start(verdict) else ""
     return (
         f"{SAID}: no hypothesis comes near its readings, not even one that allows for any torque and any voltage (normalised "
-        f"innovation squared {seen:.3g}, {expected:.2g} expected). Look at the columns with observer-fi inspect, make a rig file "
-        "with observer-fi rig new, and learn it from healthy moves with observer-fi identify"
+        f"innovation squared {digits(seen)}, {digits(expected)} expected). Look at the columns with observer-fi inspect, "
+        "make a rig file with observer-fi rig new, and learn it from healthy moves with observer-fi identify"
     )

@@ -77,7 +77,9 @@ def test_a_mode_is_a_label_and_perhaps_a_channel() -> None:
     for mode in modes:
         assert mode_of(label_of(mode), channel_of(mode)) == mode
     assert (label_of("sensor:current"), channel_of("sensor:current")) == ("sensor_fault", "current")
-    assert words_of("sensor:current") == "current sensor" and words_of("coupling_loss") == "coupling loss"
+    assert (
+        words_of("sensor:current") == "current sensor fault" and words_of("coupling_loss") == "coupling loss"
+    )
 
 
 def test_colours_tell_hypotheses_apart() -> None:

@@ -144,7 +144,7 @@ def test_the_command_writes_moves_and_json(tmp_path, capsys):
     words = ["plan", "--between", "torque_offset,asymmetric_friction", "--out", str(tmp_path)]
     assert main(words) == 0
     assert "not decided" in capsys.readouterr().out
-    assert {p.name for p in (tmp_path / "plan").iterdir()} >= {"moves.csv", "plan.json"}
+    assert {p.name for p in (tmp_path / "plan").iterdir()} >= {"moves.csv", "plan.json", "plan.html"}
 
 
 def test_the_truth_plays_a_plan_at_its_pitches(play):

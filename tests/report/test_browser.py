@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from force_rig import DRAG, Truth, log, rig
+from made_plan import plan
 from trend_logs import cycle_frame
 
 from observer_fi.cli import main
@@ -17,7 +18,7 @@ from observer_fi.learn.section3 import Step
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Fit, Parameter
-from observer_fi.report import diagnosis
+from observer_fi.report import diagnosis, plan_page
 from observer_fi.report.learning import identify_files, improve_files
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
@@ -29,7 +30,8 @@ axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-c
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium to open the pages in")
 SLOW = [
-    pytest.param(kind, marks=pytest.mark.slow) for kind in ("healthy", "improve", "compare", "trend", "fleet")
+    pytest.param(kind, marks=pytest.mark.slow)
+    for kind in ("healthy", "improve", "compare", "trend", "fleet", "plan")
 ]
 KINDS = ["fault", "identify", *SLOW]
 DARK = pytest.param("dark", marks=pytest.mark.slow)
@@ -108,6 +110,7 @@ MADE = {
     "identify": lambda folder: identified(),
     "improve": lambda folder: improved(),
     "compare": compared,
+    "plan": lambda folder: plan_page.page(plan(pitches=(0.0, 10.0))),
     "trend": trended,
     "fleet": fleet,
 }

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -122,11 +123,34 @@ def test_the_traits_of_a_poor_logger_stand_in_json_and_on_the_page(overload: Out
     for words in (
         "is held, fresh 100 times a second",
         "50.02",
-        "0.020 s",
-        "0.00029 s",
+        "20 ms",
+        "290 µs",
         "every sample",
     ):
         assert words in text, words
+    assert not re.search(
+        r"\d[eE][-+]\d", text.partition("Settings")[0]
+    )  # quantities have units that keep them short
+
+
+@pytest.mark.slow
+def test_a_fault_late_in_a_long_log_is_drawn_sample_by_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starts of healthy moves once took all the room that was kept for samples, and the page opened on nothing."""
+    monkeypatch.setattr(
+        "observer_fi.verdict.diagnosis.CHUNK_ROWS", 8192
+    )  # as many chunks as a longer log has
+    moves = tuple(Move(0.3 + 3.0 * k, 410.0 * (-1) ** k, 2.0) for k in range(22))
+    log, _ = synthesise(Scenario(moves, 67.0, fault=Fault("coupling_loss", 55.5), seed=5), RIG, "long")
+    outcome = diagnose_log(log, RIG, Settings())
+    near = outcome.overview.t[np.abs(outcome.overview.t - 55.5) < 0.03]
+    assert np.diff(near).max() < 1e-3
+    begun = outcome.overview.t[np.abs(outcome.overview.t - 0.35) < 0.05]  # the start of the first move, too
+    assert np.diff(begun).max() < 1e-3
+    views = figures.draw(outcome)["log"].views
+    assert 1 <= len(views) < len(figures.views(outcome.isolation)) + 1 and views[0].low < 55.5 < views[0].high
+    for view in views:
+        inside = (outcome.overview.t >= view.low) & (outcome.overview.t <= view.high)
+        assert np.count_nonzero(inside) >= figures.FEWEST
 
 
 def test_an_outcome_that_no_logger_was_measured_for_still_makes_a_page(overload: Outcome) -> None:

@@ -48,7 +48,11 @@ def test_a_step_shows_its_data_as_dots_and_a_line_for_each_direction() -> None:
     np.testing.assert_array_equal(panel.x, np.sort(x))
     data, *ways = panel.series
     assert data.width == 0.0 and data.points > 0.0 and [line.width > 0.0 for line in ways] == [True, True]
-    np.testing.assert_allclose(data.y, 2.0 * panel.x)
+    np.testing.assert_allclose(data.y, 2e3 * panel.x)  # mN m
+    assert panel.title.endswith("motor torque [mN m]") and [w.name for w in ways] == [
+        "fitted, backward",
+        "fitted, forward",
+    ]
     known = [np.isfinite(line.y) for line in ways]
     assert (known[0] ^ known[1]).all()
     assert unpacked(json.loads(charts.json)["panels"][0]["series"][0]["y"]) == pytest.approx(data.y)

@@ -49,13 +49,13 @@ def test_nothing_is_said_of_an_ideal_logger() -> None:
 
 WORDS = {
     "held": (of_position(update_hz=100.0), ("position_m is held, fresh 100 times a second", "10 ms late", "log it at 1600 Hz")),
-    "coarse": (of_current(resolution=1e-3), ("current_a comes in steps of 0.001 A", "finer range or more digits")),
+    "coarse": (of_current(resolution=1e-3), ("current_a comes in steps of 1 mA", "finer range or more digits")),
     "hum": (of_current(as_white=2e-3, lines=(Line(150.0, 8e-4), Line(50.0, 2e-3))),
-            ("current_a carries periodic disturbances at 50 Hz (0.002 A), 150 Hz (0.0008 A)", "6.7 times", "shield")),
+            ("current_a carries periodic disturbances at 50 Hz (2 mA), 150 Hz (800 µA)", "6.7 times", "shield")),
     "colour": (of_position(as_white=5e-5, correlation_s=20e-3), ("position_m has noise that wanders over 20 ms", "5 times")),
-    "noise": (of_position(noise_std=3e-5, as_white=3e-5), ("position_m has a noise of 3e-05 m", "3 times the noise of the rig")),
+    "noise": (of_position(noise_std=3e-5, as_white=3e-5), ("position_m has a noise of 30 µm", "3 times the noise of the rig")),
     "mean": (of_position(averaged=32), ("position_m is a mean of the last 32 samples", "20 ms late")),
-    "rounded": (PLAIN._replace(clock=Clock(3e-4, 1e-3, 1.25e-3)), ("time_s is rounded to 0.001 s", "more digits")),
+    "rounded": (PLAIN._replace(clock=Clock(3e-4, 1e-3, 1.25e-3)), ("time_s is rounded to 1 ms", "more digits")),
 }  # fmt: skip
 
 
@@ -68,9 +68,9 @@ def test_each_trait_is_told_with_what_to_change(trait: str) -> None:
 
 def test_delays_offsets_and_a_machine_that_is_another_one() -> None:
     (late,) = told(late=Lateness(1.0, 0.0, 0.0))
-    assert late.startswith("voltage_v is 0.62 ms later than the other channels")
+    assert late.startswith("voltage_v is 625 µs later than the other channels")
     (offset,) = told(offset=-0.05)
-    assert offset.startswith("voltage_v reads -0.05 V more at rest than current_a explains")
+    assert offset.startswith("voltage_v reads -50 mV more at rest than current_a explains")
     (model,) = told(nis=30.0)
     assert "squared 30, 3 expected" in model and "Identify the rig" in model
     assert told(nis=30.0, label="not_tested") == ()
@@ -102,7 +102,7 @@ def test_an_ideal_log_has_no_warnings(label: str) -> None:
         ("hum_50hz", "carries periodic disturbances at"),
         ("wandering", "has noise that wanders over"),
         ("position_averaged", "is a mean of the last 32 samples"),
-        ("milliseconds", "time_s is rounded to 0.001 s"),
+        ("milliseconds", "time_s is rounded to 1 ms"),
         ("voltage_late", "later than the other channels"),
     ],
 )

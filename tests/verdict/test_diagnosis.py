@@ -331,6 +331,9 @@ def test_explanations_say_what_when_how_sure_and_what_to_do() -> None:
         "Stop the move",
     ):
         assert part in text
+    assert "1.000 s (to the millisecond)" in said(
+        "overload", onset=1.0, low=0.9998, high=1.0002, isolated=1.04
+    )
     assert "blind" not in text and "-5.2 deg" in said("coupling_loss", onset=1.0)
     assert "It began at" not in said("nominal") and "No action is needed." in said("nominal")
     assert "cannot be placed" in said("unknown") and "wrong pitch reading" in said("unknown")

@@ -18,6 +18,7 @@ from observer_fi.logs.inspection.sizes import (
     unit_by_values,
 )
 from observer_fi.logs.inspection.vocabulary import Header, Unit, understood
+from observer_fi.numerics import digits
 from observer_fi.records import Array
 
 SURE, LIKELY, GUESS = "sure", "likely", "a guess"
@@ -254,8 +255,8 @@ def implausible(found: dict[str, Guess], values: Mapping[str, Array]) -> tuple[s
         top = float(np.ptp(known)) if position and known.size else float(np.abs(known).max(initial=0.0))
         noise = noise_of(known) if position else 0.0
         if top > LARGE[column][0] or noise > NOISY_M:
-            what = f"{'spans' if position else 'reaches'} {top:.4g} {own}"
-            what += f" with a noise of {noise:.2g} {own}" if noise > NOISY_M else ""
+            what = f"{'spans' if position else 'reaches'} {digits(top, 4)} {own}"
+            what += f" with a noise of {digits(noise, 2)} {own}" if noise > NOISY_M else ""
             said.append(f"{column} {what}: is {guess.header!r} really in {guess.unit}?")
     return tuple(said)
 

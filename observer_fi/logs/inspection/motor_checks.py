@@ -8,6 +8,7 @@ import numpy as np
 from observer_fi.logs.columns import COLUMNS
 from observer_fi.logs.inspection.guesses import GUESS, LIKELY, Guess
 from observer_fi.logs.inspection.relations import drive_fit, follows, prefix_of, rate_of, roughness
+from observer_fi.numerics import digits
 from observer_fi.physics import Model
 from observer_fi.records import Array
 
@@ -110,7 +111,7 @@ def _scaled(found: Guesses, column: str, ratio: float, what: str, doubts: list[s
     unit = next((u for u, factor in units.items() if wanted and abs(factor / wanted - 1.0) < 1e-6), None)
     if unit is None or guess.told:
         hint = f": is its unit {unit}?" if unit else ": another machine, or another unit?"
-        doubts.append(f"{column} is {ratio:.3g} times what {what} gives{hint}")
+        doubts.append(f"{column} is {digits(ratio)} times what {what} gives{hint}")
         return found
     return found | {column: replace(guess, unit=unit, why=(*guess.why, f"fits {what} in {unit}"), sure=LIKELY,
                                     also=_without_units(guess))}  # fmt: skip
@@ -132,16 +133,20 @@ def _by_resistance(found: Guesses, resistance: float, doubts: list[str]) -> Gues
         out = [u for u in other if not low <= resistance * factor[guess.unit] / factor[u] <= high]
         also = tuple(text for text in guess.also if text.removeprefix("or ") not in out)
         return found | {
-            "current_a": replace(guess, also=also, why=(*guess.why, f"a winding of {resistance:.2g} ohm"))
+            "current_a": replace(
+                guess, also=also, why=(*guess.why, f"a winding of {digits(resistance, 2)} ohm")
+            )
         }
     units = COLUMNS["current_a"].units
     for unit in units:
         in_ohm = resistance * units[guess.unit] / units[unit]
         if low <= in_ohm <= high and not guess.told and not found["voltage_v"].also:
-            why = (*guess.why, f"a winding of {in_ohm:.2g} ohm in {unit}")
+            why = (*guess.why, f"a winding of {digits(in_ohm, 2)} ohm in {unit}")
             changed = replace(guess, unit=unit, why=why, sure=LIKELY, also=_without_units(guess))
             return found | {"current_a": changed}
-    doubts.append(f"voltage and current would make a winding of {resistance:.2g} ohm: is a unit wrong?")
+    doubts.append(
+        f"voltage and current would make a winding of {digits(resistance, 2)} ohm: is a unit wrong?"
+    )
     return found
 
 
@@ -164,7 +169,7 @@ def _by_speed(found: Guesses, given: Mapping[str, Array], model: Model | None, d
     unit = next((u for u, f in units.items() if abs(np.log(ratio * units[guess.unit] / f)) < NEARLY), None)
     if unit is None or (guess.told and unit != guess.unit):
         doubts.append(
-            f"the position goes {ratio:.3g} times the way that speed_cmd_rad_s and the rig's D give"
+            f"the position goes {digits(ratio)} times the way that speed_cmd_rad_s and the rig's D give"
         )
         return found
     why = (*guess.why, "fits D of the rig")
@@ -200,7 +205,7 @@ def _by_command(found: Guesses, given: Mapping[str, Array], doubts: list[str]) -
                 why = (*other.why, f"as {one.header!r}")
                 return found | {other.column: replace(other, unit=unit, why=why, also=_without_units(other))}
         doubts.append(
-            f"{command.header!r} and {measured.header!r} differ by a factor of {slope.slope:.3g}: is a unit wrong?"
+            f"{command.header!r} and {measured.header!r} differ by a factor of {digits(slope.slope)}: is a unit wrong?"
         )
     return found
 
@@ -227,7 +232,7 @@ def _encoder(found: Guesses, given: Mapping[str, Array], model: Model | None, do
     unit = next((u for u, f in units.items() if abs(np.log(ratio * units[guess.unit] / f)) < NEARLY), None)
     if unit is None or (guess.told and unit != guess.unit):
         what = "the rig's D" if model is not None else "the commanded speed"
-        doubts.append(f"{guess.header!r} turns {1.0 / ratio:.3g} times as far as {what} gives")
+        doubts.append(f"{guess.header!r} turns {digits(1.0 / ratio)} times as far as {what} gives")
         return found
     why = (*guess.why, "fits D of the rig" if model is not None else "its rate is the commanded speed")
     return found | {"encoder_rad": replace(guess, unit=unit, why=why, also=_without_units(guess))}

@@ -6,6 +6,7 @@ import numpy as np
 
 from observer_fi.logs.columns import COLUMNS
 from observer_fi.logs.inspection.vocabulary import Header
+from observer_fi.numerics import digits
 from observer_fi.records import Array
 
 # Beyond the first bound a value is unlikely in the unit itself, beyond the second impossible.
@@ -44,13 +45,15 @@ def unit_by_values(column: str, values: Array, header: Header) -> tuple[str, tup
         return _by_size(own, top, noise_of(known) if own == "m" else 0.0, *LARGE[column])
     if column == "speed_cmd_rad_s":
         return (
-            ("rpm", ("or rad/s",), f"reaches {top:.4g}")
+            ("rpm", ("or rad/s",), f"reaches {digits(top, 4)}")
             if top > 700.0
-            else ("rad/s", ("or rpm",), f"reaches {top:.4g}")
+            else ("rad/s", ("or rpm",), f"reaches {digits(top, 4)}")
         )
     if column == "pitch_deg":
         return (
-            ("rad", ("or deg",), f"within {top:.3g}") if 0.0 < top < 0.5 else ("deg", (), f"within {top:.3g}")
+            ("rad", ("or deg",), f"within {digits(top)}")
+            if 0.0 < top < 0.5
+            else ("deg", (), f"within {digits(top)}")
         )
     if column == "encoder_rad":
         return "rad", ("or deg, or rev",), "no unit"
@@ -66,12 +69,12 @@ def _by_size(
     own: str, top: float, noise: float, unlikely: float, impossible: float
 ) -> tuple[str, tuple[str, ...], str]:
     """The unit of which values of that size are believable: the largest, and the next where that is doubtful."""
-    said = f"{'spans' if own == 'm' else 'reaches'} {top:.3g}"
+    said = f"{'spans' if own == 'm' else 'reaches'} {digits(top)}"
     units = _SMALLER[own]
     for k, unit in enumerate(units[:-1]):
         size = top / 1000.0**k
         if noise / 1000.0**k > NOISY_M:
-            said += f", noise {noise:.2g}"  # so much in this unit is no sensor's
+            said += f", noise {digits(noise, 2)}"  # so much in this unit is no sensor's
             continue
         if size <= unlikely:
             # a tenth of what would be unlikely may be the next unit as well: 20 mm, or 0.02 m
@@ -106,7 +109,7 @@ def time_unit(values: Array) -> tuple[str, tuple[str, ...], str]:
         if RATES[0] <= hz * (1.0 + 1e-6) and hz <= RATES[1] * (1.0 + 1e-6)
     }
     if not possible:
-        return "s", ("no unit gives a rate of 10 Hz to 100 kHz",), f"steps of {step:.4g}"
+        return "s", ("no unit gives a rate of 10 Hz to 100 kHz",), f"steps of {digits(step, 4)}"
     best = min(possible, key=lambda u: abs(np.log10(possible[u] / USUAL_HZ)) + (0.3 if u != "s" else 0.0))
-    others = tuple(f"or {u} ({hz:.4g} Hz)" for u, hz in possible.items() if u != best)
-    return best, others, f"steps of {step:.4g} are {possible[best]:.4g} Hz"
+    others = tuple(f"or {u} ({digits(hz, 4)} Hz)" for u, hz in possible.items() if u != best)
+    return best, others, f"steps of {digits(step, 4)} are {digits(possible[best], 4)} Hz"

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from observer_fi.errors import UsageError
+from observer_fi.numerics import digits
 from observer_fi.physics.drives import DRIVES
 from observer_fi.physics.equations import PARAMETERS
 from observer_fi.physics.rigs import Quantity, Rig, unknown_name
@@ -184,7 +185,7 @@ class _Maker:
 
     def _agree(self, name: str, Km: float, other: str, value: float) -> None:
         off = abs(value / Km - 1.0)
-        said = f"{name} and {other} give torque constants of {1e3 * Km:.4g} and {1e3 * value:.4g} mNm/A"
+        said = f"{name} and {other} give torque constants of {digits(1e3 * Km, 4)} and {digits(1e3 * value, 4)} mNm/A"
         if off > CONTRADICT and "no-load speed" not in (name, other):
             raise UsageError(
                 f"{said}: they are one number in SI units; check the units, and whether one is of a phase or an amplitude"
@@ -310,7 +311,7 @@ class _Maker:
         sheet, stall = self.sheet, self._stall_current()
         if stall is not None and sheet.nominal_current is not None and sheet.nominal_current >= stall:
             raise UsageError(
-                f"a nominal current of {sheet.nominal_current:g} A is not below that at stall, {stall:.4g} A; check units"
+                f"a nominal current of {sheet.nominal_current:g} A is not below that at stall, {digits(stall, 4)} A; check units"
             )
         self._check_stall()
         self._check_time()
@@ -322,7 +323,7 @@ class _Maker:
         if sheet.stall_current is None or not (sheet.supply and sheet.resistance):
             return
         ratio = sheet.stall_current * sheet.resistance / sheet.supply
-        said = f"the stall current is {ratio:.3g} times the supply over the resistance"
+        said = f"the stall current is {digits(ratio)} times the supply over the resistance"
         if not 1.0 / 3.0 < ratio < 3.0:
             raise UsageError(f"{said}; check units")
         if abs(ratio - 1.0) > 0.15:
@@ -332,7 +333,7 @@ class _Maker:
         if self.sheet.rotor_inertia is None or "Rm" not in self.found:
             return
         tau = self.sheet.rotor_inertia * self._value("Rm") / self._value("Km") ** 2
-        said = f"rotor inertia, resistance and torque constant give a mechanical time constant of {1e3 * tau:.3g} ms"
+        said = f"rotor inertia, resistance and torque constant give a mechanical time constant of {digits(1e3 * tau)} ms"
         if not TIMES[0] <= tau <= TIMES[1]:
             raise UsageError(f"{said}, which no motor has; check their units")
         if not ODD_TIMES[0] <= tau <= ODD_TIMES[1]:
@@ -343,7 +344,7 @@ class _Maker:
         if sheet.supply is None:
             return
         speed = sheet.supply / self._value("Km") * self._value("D")
-        said = f"the supply would drive the mass at {1e3 * speed:.3g} mm/s"
+        said = f"the supply would drive the mass at {digits(1e3 * speed)} mm/s"
         if speed > FAST or (sheet.travel and sheet.travel / speed > SLOW):
             self.warnings.append(f"{said}: check units, gear and lead")
 
@@ -354,7 +355,7 @@ class _Maker:
         share = sheet.mass * G * self._value("D") / (self._value("Km") * stall)
         if share > 1.0:
             raise UsageError(
-                f"the motor cannot lift the mass: its weight is {share:.3g} times the torque at stall; check units"
+                f"the motor cannot lift the mass: its weight is {digits(share)} times the torque at stall; check units"
             )
         if share > 0.5:
             self.warnings.append(f"the weight takes {share:.0%} of the torque at stall: check units")

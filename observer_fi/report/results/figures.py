@@ -4,13 +4,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from observer_fi.improve import Improvement, Residuals
+from observer_fi.numerics import digits, readable, with_error
 from observer_fi.physics import NOMINAL, NOT_TESTED, colour_of, mode_of, words_of
+from observer_fi.plan import Plan, course
 from observer_fi.records import Array, Event, Fit, Isolation, Outcome, Parameter, Traces
 from observer_fi.report.diagnosis import headline
 from observer_fi.report.diagnosis_figures import posterior
+from observer_fi.report.plan_page import headline as headline_of_plan
 from observer_fi.report.still_figures import (
     INK,
     MEASURED,
@@ -170,7 +172,7 @@ def _intervals(parameters: Sequence[Parameter]) -> Figure:
     """One row a parameter: its change in per cent of what it was, with its 95 % interval, and the value in words."""
     with sheet((WIDTH, 0.42 * len(parameters) + 1.5)) as (figure, axes):
         for row, p in enumerate(parameters):
-            told = f"{p.value:.4g} ± {p.std:.2g} {'' if p.unit == '1' else p.unit}"
+            told = with_error(p.value, p.std, p.unit)
             axes.text(
                 1.02, row, told, transform=axes.get_yaxis_transform(), va="center", color=MUTED, fontsize=8
             )
@@ -242,7 +244,7 @@ def _gains(record: Improvement) -> Figure:
         axes.barh(range(len(findings)), gains, color=AFTER, height=0.55)
         for row, f in enumerate(findings):
             rivals = ", ".join(name.replace("_", " ") for name in f.indistinguishable_from)
-            words = f"{f.heldout_nll_drop_per_sample:.3g}" + (f"  or {rivals}" if rivals else "")
+            words = digits(f.heldout_nll_drop_per_sample) + (f"  or {rivals}" if rivals else "")
             axes.annotate(
                 words, (max(gains[row], 0.0), row), xytext=(4, 0), textcoords="offset points", va="center"
             )
@@ -281,19 +283,26 @@ def _residuals(before: Residuals, after: Residuals) -> Figure:
 # --- a life, and a comparison ------------------------------------------------------------------------
 
 
-def of_plan(moves: pd.DataFrame, title: str) -> dict[str, Figure]:
-    """The command over time, and the pitch to set where there are several."""
-    names = ["pitch_deg"] * (moves["pitch_deg"].nunique() > 1)
-    command = next(str(name) for name in moves if name not in ("time_s", "pitch_deg"))
-    units = {"speed_cmd_rad_s": "speed [rad/s]", "position_cmd_m": "position [m]", "pitch_deg": "pitch [deg]"}
-    rows = [command, *names]
-    with sheet((WIDTH, 1.6 + 1.6 * len(rows)), len(rows), 1, sharex=True, squeeze=False) as (figure, grid):
-        for name, axes in zip(rows, grid[:, 0], strict=True):
-            how = "steps-post" if name == "pitch_deg" else "default"
-            axes.plot(moves["time_s"], moves[name], color=AFTER, drawstyle=how)
-            axes.set_ylabel(units[name])
-        grid[-1, 0].set_xlabel("time [s]")
-        grid[0, 0].set_title(title, fontsize=9, wrap=True)
+def of_plan(plan: Plan) -> dict[str, Figure]:
+    """The planned and the simpler command over time, travel below, and pitch where there are several; nothing without moves."""
+    if not plan.planned.blocks:
+        return {}
+    planned, simpler = (course(profile, plan.limits) for profile in (plan.planned, plan.simpler))
+    pitched = len(plan.limits.pitches) > 1
+    with sheet((WIDTH, 5.0 + 1.4 * pitched), 3 + pitched, 1, sharex=True) as (figure, column):
+        unit, factor = readable("m", float(np.abs(planned.x).max()))
+        column[0].plot(planned.t, planned.w, color=AFTER)
+        column[1].plot(planned.t, factor * planned.x, color=AFTER)
+        column[-1].plot(simpler.t, simpler.w, color=MUTED)
+        column[-1].set_title("the simpler moves", fontweight="normal")
+        for axes, label in zip(column, ("speed [rad/s]", f"travel [{unit}]"), strict=False):
+            axes.set_ylabel(label)
+        column[-1].set(ylabel="speed [rad/s]", xlabel="time [s]")
+        if pitched:
+            column[2].plot(planned.t, planned.pitch, color=AFTER, drawstyle="steps-post")
+            column[2].set_ylabel("pitch [deg]")
+        figure.align_ylabels(column)
+        figure.suptitle(headline_of_plan(plan), x=0.01, ha="left", fontweight="bold")
     return {"command": figure}
 
 
@@ -343,7 +352,7 @@ def _scores(axes: Axes, found: Trend, places: Mapping[str, int]) -> None:
     axes.axhline(1.0, color=MUTED, linewidth=0.9, linestyle=":")
     axes.set(
         ylabel="score [1]",
-        title=f"Distance from the baseline (limit: one false alarm in {1.0 / found.rate:.4g} logs)",
+        title=f"Distance from the baseline (limit: one false alarm in {digits(1.0 / found.rate, 4)} logs)",
     )
     axes.set_ylim(0.0, None)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
@@ -354,14 +363,17 @@ def _lane(axes: Axes, found: Trend, row: int, places: Mapping[str, int]) -> None
     name, unit = found.baseline.names[row], found.baseline.units[row]
     middle = float(found.baseline.coefficients[0, row])
     half = float(found.baseline.limit_of * found.baseline.scatter[row])
+    seen = found.table.value[:, found.table.names.index(name)] if name in found.table.names else np.empty(0)
+    unit, factor = readable(unit, float(np.nanmax(np.abs(np.append(seen, middle)))))
+    middle, half = factor * middle, factor * half
     axes.axhspan(middle - half, middle + half, color="#9fb4c9", alpha=0.3, linewidth=0.0)
-    if name in found.table.names:
-        values = found.table.value[:, found.table.names.index(name)]
+    if seen.size:
+        values = factor * seen
         states = list(_states(found, places).values())
         for state, (colour, mark) in STATES.items():
             here = np.flatnonzero(np.array([s == state for s in states]))
             axes.plot(here + 1, values[here], mark, color=colour, markersize=3.5)
-    axes.set_ylabel(f"[{unit}]")
+    axes.set_ylabel(f"[{unit or 1}]")
     axes.set_title(f"{in_words(name)} ({name})", fontsize=8, fontweight="normal")
 
 
@@ -378,6 +390,7 @@ OF_COMMAND: dict[str, Callable[[Any], dict[str, Figure]]] = {
     "improve": of_improvement,
     "trend": of_trend,
     "compare": of_comparison,
+    "plan": of_plan,
 }
 
 

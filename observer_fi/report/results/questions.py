@@ -27,7 +27,7 @@ from observer_fi.logs import (
 )
 from observer_fi.physics import Rig, Scenario, Truth, load_rig, synthesise
 from observer_fi.records import Log
-from observer_fi.report import comparison_page, trend_page
+from observer_fi.report import comparison_page, plan_page, trend_page
 from observer_fi.report import diagnosis as diagnosis_report
 from observer_fi.report import learning as learning_report
 from observer_fi.report.inspection import MAP_FILE
@@ -134,7 +134,7 @@ def simulate(scenario: Scenario, rig: AnyRig = None, name: str = "synthetic") ->
 
 def write_report(result: Result, folder: str | Path, figures: str | None = None) -> Path:
     """Page, JSON and more of a result into a folder, as the command of the same name does; the page's path, or that of the
-    moves of a plan and of the column map of an inspection.
+    column map of an inspection.
 
     figures: "png", "svg" or "pdf" for still figures beside the page. A folder that holds another log's result is left alone: the
     result gets one with a number.
@@ -164,11 +164,7 @@ def _files(result: Result, name: str) -> tuple[str, dict[str, str], dict[str, st
         digests = {j.digest.path: j.digest.sha256 for j in result.record.logs}
         return "trend", digests, {**trend_page.trend_files(result.record, name, list(result.unreadable))}
     if isinstance(result, Planned):
-        return (
-            "plan",
-            {},
-            {"moves.csv": result.moves, "plan.json": diagnosis_report.json_text(result.to_dict())},
-        )
+        return "plan", {}, {**plan_page.plan_files(result.record)}
     if isinstance(result, Inspected):
         path = result.record.contents.path
         return "inspect", {path: digest_of(path)}, {MAP_FILE: result.column_map}

@@ -65,9 +65,7 @@ class Planned(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """`command`: what to play; nothing where no moves help."""
-        found: dict[str, Figure] = (
-            drawn().of_plan(self.to_frame(), self.headline) if len(self.to_frame()) else {}
-        )
+        found: dict[str, Figure] = drawn().of_plan(self.record)
         return found
 
 

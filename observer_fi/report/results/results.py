@@ -13,7 +13,8 @@ import pandas as pd
 
 from observer_fi import learn
 from observer_fi.improve import Improvement
-from observer_fi.logs import with_logger, with_unit
+from observer_fi.logs import with_logger
+from observer_fi.numerics import digits, with_error, with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Event, Fit, Log, Outcome
 from observer_fi.report import comparison_page, trend_page
@@ -93,7 +94,7 @@ class Result:
 
     def _table(self) -> str:
         """The table of `to_frame` as HTML."""
-        return str(self.to_frame().to_html(float_format="{:.4g}".format, na_rep=""))
+        return str(self.to_frame().to_html(float_format=lambda v: digits(v, 4), na_rep=""))
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,7 +190,7 @@ class Identification(Result):
     def paragraphs(self) -> tuple[str, ...]:
         """Each parameter with its standard error and what it was before; what cannot be told, and why."""
         learned = [
-            f"  {p.name} = {learning_report.value(p.value, p.std, p.unit)}  (was {with_unit(p.prior, p.unit)})"
+            f"  {p.name} = {with_error(p.value, p.std, p.unit)}  (was {with_unit(p.prior, p.unit)})"
             for p in self.fit.parameters
         ]
         untold = [f"  {name}: {why}" for name, why in self.fit.not_identifiable.items()]
@@ -238,12 +239,12 @@ class Improved(Result):
         size, told = learning_report.reader_of(self.record), []
         for f in self.record.findings:
             sizes = ", ".join(
-                f"{n} = {learning_report.value(v.value, v.std, v.unit)}"
+                f"{n} = {with_error(v.value, v.std, v.unit)}"
                 for n, v in ((n, size(v)) for n, v in f.parameters.items())
             )
             told.append(
                 f"{f.step}. {learning_report.plain(f.cause)} ({f.equation}): {sizes}; gains "
-                f"{f.heldout_nll_drop_per_sample:.3g} nats a sample on moves that no fit saw"
+                f"{digits(f.heldout_nll_drop_per_sample)} nats a sample on moves that no fit saw"
                 + (
                     f". Not told from {', '.join(f.indistinguishable_from)}"
                     if f.indistinguishable_from

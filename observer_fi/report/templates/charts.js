@@ -22,17 +22,23 @@ One Axis a link: all panels that share the range of x, wherever on the page they
     return Array.from(raw, v => v > 65534 ? null : packed.low + v * step);
   }
 
+  function digits(value, count) { // significant ones, without an e
+    const rounded = +value.toPrecision(count), short = v => v.replace("-", "\u2212");
+    if (!rounded || (Math.abs(rounded) >= 1e-4 && Math.abs(rounded) < 1e6)) return short(String(rounded));
+    const [mantissa, power] = value.toExponential(count - 1).split("e");
+    return short(String(+mantissa)) + "\u00a0\u00d7\u00a010" + [...power.replace("+", "")].map(c => "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"[c] || "\u207b").join("");
+  }
+
   function shown(value, unit) {
     if (value == null) return "";
-    const text = Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
-    return text.replace("-", "\u2212") + (unit ? "\u00a0" + unit : "");
+    return digits(value, 4) + (unit ? "\u00a0" + unit : "");
   }
 
   function graded(value, step) { // a place on an axis, with the digits that tell it from the next one
-    if (!step || Math.abs(value) >= 1e5 || step < 1e-6) return String(+value.toPrecision(3)).replace("-", "\u2212");
-    let digits = 0;
-    while (digits < 7 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits++;
-    return value.toFixed(digits).replace("-", "\u2212");
+    if (!step || Math.abs(value) >= 1e5 || step < 1e-6) return digits(value, 3);
+    let places = 0;
+    while (places < 7 && Math.abs(step * 10 ** places - Math.round(step * 10 ** places)) > 1e-6) places++;
+    return value.toFixed(places).replace("-", "\u2212");
   }
 
   function known(y, k, spans) { // the reading at k, or the nearest one of a line that goes on where points are missing
@@ -167,7 +173,8 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       for (const level of this.spec.levels) if (level.to == null) { low = Math.min(low, level.y); high = Math.max(high, level.y); }
       if (this.spec.scale === "log") return [low / 1.3, high * 1.3];
       if (this.spec.scale === "asinh") return [Math.min(1.5 * low, -1), Math.max(1.5 * high, 1)];
-      const room = Math.max(0.06 * (high - low), 0.5 * (least - (high - low)), 1e-12 * Math.abs(high) || 1e-12);
+      const alone = high - low > 1e-9 * Math.abs(high) ? 0 : 0.1 * Math.abs(high) || 1e-12; // one value: something around it
+      const room = Math.max(0.06 * (high - low), 0.5 * (least - (high - low)), alone);
       return [low - room, high + room];
     }
     make(width) {
@@ -177,11 +184,12 @@ One Axis a link: all panels that share the range of x, wherever on the page they
       Object.assign(y, { log: { distr: 3 }, asinh: { distr: 4, asinh: 1 } }[spec.scale]);
       const across = { stroke: ink, font: FONT, labelFont: FONT, grid: line, ticks: line, size: last ? 28 : 6, gap: 4, space: 64 };
       if (this.points.names.length && this.x.every(Number.isInteger)) across.incrs = WHOLE;
-      if (!last) across.values = (u, at) => at.map(() => "");
-      else if (spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
+      across.values = (u, at, k, space, step) => at.map(v => last && v != null ? graded(v, step) : "");
+      if (last && spec.xName) Object.assign(across, { label: spec.xName, labelSize: 18, labelGap: 0 });
       if (spec.ticks.length) Object.assign(across, { splits: () => spec.ticks.map(t => t[0]), values: () => spec.ticks.map(t => t[1]), size: 44 });
-      const up = { stroke: ink, font: FONT, grid: line, ticks: line, size: 58, gap: 4, space: 26 };
-      if (!gradations[spec.scale]) up.values = (u, at, k, space, step) => at.map(v => v == null ? "" : graded(v, step));
+      const up = { stroke: ink, font: FONT, grid: line, ticks: { ...line, size: 4 }, size: 58, gap: 4, space: 26 };
+      const linear = !gradations[spec.scale];
+      up.values = (u, at, k, space, step) => at.map(v => v == null ? "" : linear ? graded(v, step) : digits(v, 3));
       if (spec.ticksUp.length) Object.assign(up, { splits: () => spec.ticksUp.map(t => t[0]), values: () => spec.ticksUp.map(t => t[1]) });
       if (gradations[spec.scale]) Object.assign(up, { splits: (u, k, low, high) => gradations[spec.scale](low, high), filter: (u, at) => at });
       this.plot.style.height = "";
