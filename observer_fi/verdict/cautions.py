@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from observer_fi.logs import FEWEST_STEPS, readable
+from observer_fi.logs import FEWEST_STEPS, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.as_logged import AsLogged
@@ -96,7 +96,7 @@ def _of_noise(part: Part) -> Iterator[str]:
         return
     if math.isfinite(part.low_pass.corner_hz):
         yield (
-            f"{part.column} without its filter has a noise of {readable(traits.noise_std, part.unit)}: small faults do not "
+            f"{part.column} without its filter has a noise of {with_unit(traits.noise_std, part.unit)}: small faults do not "
             "show in it, others later"
         )
         return

@@ -143,7 +143,7 @@ def _with_one_more(start: "_Start", found: LowPasses) -> LowPasses:
     """The filters with the best further one, of those before some channels."""
     corners = [1.0 / (2.0 * math.pi * start.interval * samples) for samples in TIMES]
     kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
-    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in CHANNELS]
+    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in start.groups]
     begun.sort(key=start.nats, reverse=True)
     return max((_finest(start, one) for one in begun[:CLIMBED]), key=start.nats)
 
@@ -190,7 +190,11 @@ class _Start:
         self.traits: dict[tuple[int, LowPass], ChannelTraits] = {}
         self.known: dict[LowPasses, tuple[float, float]] = {}
         self.without = self._told(LowPasses(), settings)[0] + NOTICED_NATS
-        self.coloured = any(traits.correlation_s for traits in self.traits.values())
+        means = [
+            c for (c, _), traits in self.traits.items() if traits.averaged > 1
+        ]  # known for what they are
+        self.coloured = any(traits.correlation_s and traits.averaged == 1 for traits in self.traits.values())
+        self.groups = [channels for channels in CHANNELS if not set(channels) & set(means)]
 
     def nats(self, filters: LowPasses) -> float:
         """Log-likelihood of the readings as they were logged."""
