@@ -110,7 +110,8 @@ class ChannelTraits(NamedTuple):
     None where there is none; spikes: how many there are; averaged: samples of which a reading is the mean; offset: mean
     reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
     repeats: share of readings at rest that repeat the one before, though no hold is known; grown: by what the noise of
-    the last rest is more than that of the first; travel: largest less smallest reading of the log.
+    the last rest is more than that of the first; travel: largest less smallest reading of the log; low_pass_hz: corner of a
+    filter before the readings that was taken out of them, None where there is none.
     """
 
     noise_std: float
@@ -126,6 +127,7 @@ class ChannelTraits(NamedTuple):
     repeats: float = 0.0
     grown: float = 1.0
     travel: float = math.inf
+    low_pass_hz: float | None = None
 
 
 class Clock(NamedTuple):

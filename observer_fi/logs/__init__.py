@@ -4,7 +4,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
-from observer_fi.logs.acquisition import SET_UP_DEG, acquisition_of, with_logger, without_spikes
+from observer_fi.logs.acquisition import (
+    SET_UP_DEG,
+    acquisition_of,
+    channel_traits,
+    clock_of,
+    rests_for_noise,
+    with_logger,
+    without_spikes,
+)
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
@@ -44,6 +52,9 @@ if TYPE_CHECKING:
 __all__ = [
     "SET_UP_DEG",
     "acquisition_of",
+    "channel_traits",
+    "clock_of",
+    "rests_for_noise",
     "even",
     "ABSENT",
     "position_speed",

@@ -57,13 +57,19 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
     part = slice(0, LONGEST)
     t, z, w = log.t[part], log.z[part], log.w_cmd[part]
-    pitch = log.pitch[part]
-    rests = [undriven(still, z) for rest in rests_of(t, w) for still in as_set_up(rest, pitch)]
-    rests = [rest for rest in rests if rest.stop - rest.start >= FEWEST]
+    rests = rests_for_noise(log)
     voltage, current, position = (
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
     )
     return Acquisition(voltage, current, position, clock_of(t))
+
+
+def rests_for_noise(log: Log) -> list[slice]:
+    """The rests of the beginning of a log in which nothing is driven, as far as they tell anything."""
+    part = slice(0, LONGEST)
+    t, z, w, pitch = log.t[part], log.z[part], log.w_cmd[part], log.pitch[part]
+    rests = [undriven(still, z) for rest in rests_of(t, w) for still in as_set_up(rest, pitch)]
+    return [rest for rest in rests if rest.stop - rest.start >= FEWEST]
 
 
 def with_logger(rig: Rig, logs: Sequence[Log]) -> Rig:

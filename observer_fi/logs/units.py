@@ -18,6 +18,8 @@ FEWEST = 20  # samples at full speed that a mean needs
 PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
 HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
+DRIVEN_BACK, TOUCHING = 0.2, 0.02  # of the largest voltage and current
+JUMP, AROUND = 0.8, 20  # of what a position covers; samples on either side that tell its motion
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
@@ -26,6 +28,7 @@ def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[s
     of_loop = model["Kx"] > 0.0  # another command is made of the rig and the readings
     logged = not of_loop and not any(note.startswith(ABSENT) for note in log.notes)
     notes = [*_drive_notes(log, model, logged)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
+    notes += [*_magnitude_notes(log.z[:, 0], log.z[:, 1]), *_wrap_notes(log.z[:, 2])]
     full = _at_full_speed(log, moves)
     if of_loop and model["Km"] > 0.0:  # while a mass is held, a position loop asks for more and more
         full &= np.abs(log.w_cmd) <= model["Vmax"] / model["Km"]
@@ -35,6 +38,44 @@ def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[s
         notes += _ratio_notes("position_m", _steps(log, full), model["D"] * w / log.rate_hz)
         notes += _sign_notes(log, moves, full, model) if logged else []
     return tuple(notes)
+
+
+def _magnitude_notes(volts: Array, amperes: Array) -> Iterator[str]:
+    """A current that is never negative, though a negative voltage drives it: of a meter that has lost the sign."""
+    both = np.isfinite(volts) & np.isfinite(amperes)
+    v, i = volts[both], amperes[both]
+    least = TOUCHING * _largest(i)
+    back = v < -DRIVEN_BACK * _largest(v)
+    if (
+        np.count_nonzero(back) >= FEWEST
+        and i.min() > -least
+        and np.abs(i).min() < least < float(np.median(i[back]))
+    ):
+        yield (
+            "current_a is never negative though the voltage drives it backward: is it a magnitude? "
+            "Log the current with its sign"
+        )
+
+
+def _wrap_notes(position: Array) -> Iterator[str]:
+    """A position that starts anew: it jumps by all that it covers, against its motion before and after."""
+    x = position[np.isfinite(position)]
+    steps = np.diff(x)
+    jumps = np.flatnonzero(np.abs(steps) > JUMP * float(np.ptp(x))) if x.size else np.zeros(0, dtype=np.int64)
+    jumping = np.where(np.isin(np.arange(steps.size), jumps), steps, 0.0)
+    moving = steps - jumping
+    wraps = [
+        k
+        for k in jumps[(jumps >= AROUND) & (jumps < steps.size - AROUND)].tolist()
+        if abs(jumping[k - AROUND : k + AROUND].sum()) > 0.5 * abs(steps[k])  # a spike comes back
+        and -np.sign(steps[k]) == np.sign(before := moving[k - AROUND : k].sum())
+        and 0.5 < moving[k + 1 : k + 1 + AROUND].sum() / before < 2.0
+    ]
+    if wraps:
+        yield (
+            f"position_m jumps by {with_unit(abs(float(steps[wraps[0]])), 'm')} against its motion: does it start anew each turn of its "
+            "sensor? Log it without jumps"
+        )
 
 
 def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], model: Model) -> Iterator[str]:

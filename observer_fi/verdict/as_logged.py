@@ -17,6 +17,7 @@ from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger.low_pass import LowPasses, Unfiltered, low_passes_of
 from observer_fi.verdict.moves.of_the_day import Day, FirstStart
 from observer_fi.verdict.testable import for_readings
 
@@ -33,7 +34,11 @@ class AsLogged:
     """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
-        self.acquisition = _commanded(_of(acquisition_of(log, rig.file_noise_std), rig.logger), log, rig)
+        self.low_passes = low_passes_of(log, rig, settings, electrical_offset)
+        self.unfiltered, self.interval = Unfiltered(self.low_passes, 1.0 / log.rate_hz), 1.0 / log.rate_hz
+        log = self.unfiltered.take(log)
+        measured = _told_filters(acquisition_of(log, rig.file_noise_std), self.low_passes)
+        self.acquisition = _commanded(_of(measured, rig.logger), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
@@ -53,14 +58,20 @@ class AsLogged:
         self.rig = rig if as_filed and whole and not known.step.any() and not any(self.late) else known
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         self.set_back = SetBack(self.late)
+        self.unfiltered = Unfiltered(self.low_passes, self.interval)
+
+    @property
+    def plain(self) -> bool:
+        """Whether filters take every reading as it is."""
+        return self.readings.plain and not self.offset and not any(self.late) and not self.low_passes.any
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
-        return self.set_back.take(self._even(self.readings.take(log)))
+        return self.set_back.take(self._even(self.readings.take(self.unfiltered.take(log))))
 
     def take_rows(self, rows: Array) -> Array:
         """Samples (n, 6) of a stream: time, three readings, pitch, command."""
-        if self.readings.plain and not self.offset and not any(self.late):
+        if self.plain:
             return rows
         out = rows.copy()
         out[:, 1:4] = self.take(Log("stream", rows[:, 0], rows[:, 1:4], rows[:, 5], rows[:, 4])).z
@@ -68,11 +79,15 @@ class AsLogged:
 
     def same_as(self, other: "AsLogged | None", settings: BankSettings) -> bool:
         """Whether another, or the rig file alone where there is none, says the same to filters."""
-        plain = self.readings.plain and not self.offset and not any(self.late) and self.day.usual
         if other is None:
-            return plain and self.rig.logger is None and self.settings == settings
+            return self.plain and self.day.usual and self.rig.logger is None and self.settings == settings
         same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
-        same = self.day == other.day and self.late == other.late and self.settings == other.settings
+        same = (
+            self.day == other.day
+            and self.late == other.late
+            and self.low_passes == other.low_passes
+            and self.settings == other.settings
+        )
         held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands
         return bool(same_noise) and same and held
 
@@ -119,6 +134,15 @@ def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:
         old if math.isnan(new.neighbour_std) and math.isfinite(old.noise_std) else new for new, old in pairs
     )
     return Acquisition(voltage, current, position, measured.clock)
+
+
+def _told_filters(a: Acquisition, filters: LowPasses) -> Acquisition:
+    """The acquisition with the corners of the filters that were taken out."""
+    corners = [own.corner_hz if math.isfinite(own.corner_hz) else None for own in filters]
+    voltage, current, position = (
+        traits._replace(low_pass_hz=hz) for traits, hz in zip(a[:3], corners, strict=True)
+    )
+    return Acquisition(voltage, current, position, a.clock)
 
 
 def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:

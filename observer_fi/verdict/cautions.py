@@ -1,5 +1,6 @@
 """Sentences that change how far a verdict can be trusted: traits of the logger that hide something, a model that does not fit."""
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -8,30 +9,34 @@ from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.as_logged import AsLogged
+from observer_fi.verdict.logger.low_pass import LowPass
 
 UNITS = ("V", "A", "m")
 MISFIT = 2.0  # times its expected NIS: the model is of another machine
 LOUD = 2.0  # times the noise of the rig file
 COARSE = 2.0  # steps of so many standard deviations hide what is smaller
 LATE = 0.5  # samples
+FAST_HZ = 300.0  # corner of a filter that takes away nothing of what is looked for
 
 
 class Part(NamedTuple):
-    """One channel: its column and unit, its traits, its noise in the rig file, and how many samples it is late."""
+    """One channel: its column and unit, its traits, its noise in the rig file, how many samples it is late, its filter."""
 
     column: str
     unit: str
     traits: ChannelTraits
     usual: float
     late: float
+    low_pass: LowPass = LowPass()
 
 
 def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str, ...]:
     """What to say of a log and its verdict, none of an ideal logger on a rig that is the rig file's."""
     found = [*_of_the_model(isolation)]
     usual = known.rig.file_noise_std.tolist()
-    for (name, column), unit, noise, late in zip(COLUMNS.items(), UNITS, usual, known.late, strict=True):
-        part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late))
+    own = zip(COLUMNS.items(), UNITS, usual, known.late, known.low_passes, strict=True)
+    for (name, column), unit, noise, late, low in own:
+        part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late), low)
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *_of_time(part, rate_hz)]
     if known.offset:
         found.append(
@@ -90,6 +95,12 @@ def _of_noise(part: Part) -> Iterator[str]:
         )
     if not traits.as_white > LOUD * part.usual:
         return
+    if math.isfinite(part.low_pass.corner_hz):
+        yield (
+            f"{part.column} without its filter has a noise of {with_unit(traits.noise_std, part.unit)}: small faults do not "
+            "show in it, others later"
+        )
+        return
     if traits.lines:
         lines = ", ".join(
             f"{digits(line.hz, 4)} Hz ({with_unit(line.amplitude, part.unit)})"
@@ -110,6 +121,12 @@ def _of_noise(part: Part) -> Iterator[str]:
 
 
 def _of_time(part: Part, rate_hz: float) -> Iterator[str]:
+    low = part.low_pass
+    if math.isfinite(low.corner_hz):
+        yield (
+            f"{part.column} comes through a low-pass filter of {digits(low.corner_hz)} Hz, of order {low.order}: taken out of "
+            f"its readings; log it without, or with a corner above {digits(FAST_HZ)} Hz"
+        )
     if part.traits.averaged > 1:
         yield (
             f"{part.column} is a mean of the last {part.traits.averaged} samples: what a fault does to it shows up to "

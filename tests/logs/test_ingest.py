@@ -233,6 +233,36 @@ def test_a_unit_that_cannot_be_right_for_the_rig_is_noted(tmp_path: Path) -> Non
     assert "rpm" in suspect_units(rpm, log_segments(rpm), model)[0]
 
 
+SHIPPED = Path(__file__).parents[2] / "data"
+
+
+@pytest.mark.parametrize("name", ["overload_steady", "false_alarm_steady", "coupling_loss_transient"])
+def test_a_current_without_its_sign_and_a_position_that_starts_anew_are_noted(name: str) -> None:
+    log = read_log(SHIPPED / f"{name}.csv.gz")
+    model, moves = load_rig().model, log_segments(log)
+    assert suspect_units(log, moves, model) == ()
+    magnitude = replace(log, z=log.z * [1.0, 0.0, 1.0] + np.abs(log.z) * [0.0, 1.0, 0.0])
+    assert ["current_a" in note for note in suspect_units(magnitude, moves, model)] == [True]
+    travel = float(np.ptp(log.z[:, 2]))
+    for turn, way in ((0.6 * travel, 1.0), (0.8 * travel, -1.0)):
+        anew = log.z.copy()
+        anew[:, 2] = np.mod(way * log.z[:, 2] + 0.2 * turn, turn)
+        assert "does it start anew" in suspect_units(replace(log, z=anew), moves, model)[0]
+
+
+def test_sensors_that_fail_have_no_wrong_unit() -> None:
+    """Nothing read, nothing but one value, a drop-out to zero at the far end, single spikes."""
+    log = read_log(SHIPPED / "overload_steady.csv.gz")
+    model, moves = load_rig().model, log_segments(log)
+    late = log.t > log.t[-1] - 0.8
+    for channel, value in ((1, 0.0), (1, 0.4), (2, 0.0), (1, np.nan), (2, np.nan)):
+        for part in (late, slice(None), slice(1000, None, 500)):
+            z = log.z.copy()
+            z[part, channel] = value
+            notes = suspect_units(replace(log, z=z), moves, model)
+            assert not [note for note in notes if "magnitude" in note or "anew" in note]
+
+
 DEFECTS = st.lists(
     st.tuples(
         st.integers(0, 199),

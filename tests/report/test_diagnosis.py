@@ -75,6 +75,7 @@ CHANNEL_KEYS = [
     "correlation_s",
     "spikes",
     "averaged_samples",
+    "low_pass_hz",
 ]
 
 
@@ -86,7 +87,13 @@ def test_report_json_tells_what_the_logger_does(outcome: Outcome) -> None:
     for column in ("voltage_v", "current_a", "position_m"):
         channel = acquisition[column]
         assert sorted(channel) == sorted(CHANNEL_KEYS) and channel["noise_std"] > 0.0
-        assert channel["resolution"] is channel["update_hz"] is channel["correlation_s"] is None
+        assert (
+            channel["resolution"]
+            is channel["update_hz"]
+            is channel["correlation_s"]
+            is channel["low_pass_hz"]
+            is None
+        )
         assert channel["lines_hz"] == [] and channel["spikes"] == 0 and channel["averaged_samples"] == 1
     assert acquisition["clock"] == {"jitter_s": 0.0, "resolution_s": None}
     assert told["warnings"] == []

@@ -14,15 +14,18 @@ from observer_fi.settings import Settings
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.lateness import Lateness
+from observer_fi.verdict.logger.low_pass import LowPass, LowPasses
 
 RIG = load_rig()
-NONE = Lateness()
+NONE, UNFILTERED = Lateness(), LowPasses()
 PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(0.0, None, 1.0 / 1600.0))
 
 
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
-         label: str = "nominal") -> tuple[str, ...]:  # fmt: skip
-    known: Any = SimpleNamespace(rig=RIG, acquisition=acquisition, late=late, offset=offset)
+         label: str = "nominal", low_passes: LowPasses = UNFILTERED) -> tuple[str, ...]:  # fmt: skip
+    known: Any = SimpleNamespace(
+        rig=RIG, acquisition=acquisition, late=late, offset=offset, low_passes=low_passes
+    )
     isolation: Any = SimpleNamespace(
         verdict=SimpleNamespace(label=label), consistency=Consistency(nis, 3.0, 0.5)
     )
@@ -64,6 +67,14 @@ def test_each_trait_is_told_with_what_to_change(trait: str) -> None:
     acquisition, words = WORDS[trait]
     (sentence,) = told(acquisition)
     assert all(part in sentence for part in words), sentence
+
+
+def test_a_filter_is_told_with_what_it_leaves() -> None:
+    behind = LowPasses(current=LowPass(30.0, 2))
+    (line,) = told(low_passes=behind)
+    assert "current_a comes through a low-pass filter of 30 Hz, of order 2: taken out" in line
+    noise, line = told(of_current(noise_std=5e-3, as_white=5e-3), low_passes=behind)
+    assert "without its filter has a noise of 5 mA" in noise and "low-pass" in line
 
 
 def test_delays_offsets_and_a_machine_that_is_another_one() -> None:

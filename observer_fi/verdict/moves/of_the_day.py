@@ -109,10 +109,10 @@ class FirstStart:
         read = np.isfinite(cut.z).sum(axis=1)
         moving = e.active & (read > 0)
         nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
-        return Told(_nats(e), float(np.mean(nis[moving] / read[moving])))
+        return Told(nats_of(e), float(np.mean(nis[moving] / read[moving])))
 
 
-def _nats(e: Estimate) -> float:
+def nats_of(e: Estimate) -> float:
     """Log-likelihood of the readings under the whole bank: each sample's densities by the probabilities before it."""
     before = np.log(np.maximum(e.probability[BEGIN - 1 : -1], LEAST))
     return float(np.logaddexp.reduce(before + e.density[BEGIN:], axis=1).sum())

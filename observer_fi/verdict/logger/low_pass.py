@@ -1,0 +1,244 @@
+"""Low-pass filters that a logger puts before its readings, told at the first start of a log, and readings without them.
+
+A clamp, an amplifier or an anti-aliasing filter lets a current come after the motion that it causes: no hypothesis knows that,
+and a sensor fault explains it best. The motion of nominal tells the corner where no fault explains the start as well. What is
+taken out is a filter without zeros, of order one or of Butterworth's second; noise that comes after it grows by that.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.bank import Bank
+from observer_fi.logs import Readings, channel_traits, clock_of, rests_for_noise
+from observer_fi.physics import Rig
+from observer_fi.records import Acquisition, ChannelTraits, Log
+from observer_fi.settings import BankSettings
+from observer_fi.verdict.lateness import Lateness, SetBack, first_start, set_right
+from observer_fi.verdict.moves.of_the_day import nats_of
+
+# Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not
+# bring near is no matter of filters.
+FITS, NEAR = 1.6, 30.0
+NOTICED_NATS = 40.0  # that filters must gain at a start
+LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
+TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
+CLIMBED = 3  # groups of channels whose best filter is looked at closer
+# Factors by which a corner is tried lower and higher, and samples by which the channel is tried earlier and later.
+FINER = (
+    (1.41, 1.0),
+    (1.2, 0.5),
+    (1.2, 0.5),
+    (1.1, 0.5),
+    (1.05, 0.25),
+    (1.02, 0.25),
+    (1.01, 0.12),
+    (1.005, 0.06),
+)
+CHANNELS = ((1,), (2,), (0,), (0, 1), (0, 1, 2))  # that may have the same filter: current, position, voltage
+ORDERS = (1, 2)
+BEGIN = 8  # samples until a filter of the bank has found its state
+GAP = 1.5  # intervals between two samples from which one is missing
+
+
+class LowPass(NamedTuple):
+    """A filter before the readings of one channel. corner_hz: infinite where there is none; order: one, or Butterworth's two.
+
+    late: samples by which it is later than that; `lateness` measures them anew.
+    """
+
+    corner_hz: float = math.inf
+    order: int = 1
+    late: float = 0.0
+
+    @property
+    def delay_s(self) -> float:
+        """By which what is slow comes later."""
+        return (1.0 if self.order == 1 else math.sqrt(2.0)) / (2.0 * math.pi * self.corner_hz)
+
+    def weights(self, interval: float) -> tuple[float, float, float]:
+        """By which a reading, the one before and that before it make what went into the filter; their sum is 1."""
+        if math.isinf(self.corner_hz):
+            return 1.0, 0.0, 0.0
+        reach = 2.0 * math.pi * self.corner_hz * interval
+        if self.order == 1:
+            once, twice = math.exp(-reach), 0.0
+        else:
+            part = reach / math.sqrt(2.0)
+            once, twice = 2.0 * math.exp(-part) * math.cos(part), -math.exp(-2.0 * part)
+        rest = 1.0 - once - twice
+        return 1.0 / rest, -once / rest, -twice / rest
+
+
+class LowPasses(NamedTuple):
+    """The filters before voltage, current and position."""
+
+    voltage: LowPass = LowPass()
+    current: LowPass = LowPass()
+    position: LowPass = LowPass()
+
+    @property
+    def any(self) -> bool:
+        """Whether there is one."""
+        return any(math.isfinite(own.corner_hz) for own in self)
+
+    def of(self, channels: tuple[int, ...], own: LowPass) -> "LowPasses":
+        """The same with another filter before some channels."""
+        return LowPasses(*(own if c in channels else kept for c, kept in enumerate(self)))
+
+
+class Unfiltered:
+    """What went into the filters of one log, chunk by chunk. interval: of samples [s]."""
+
+    def __init__(self, filters: LowPasses, interval: float) -> None:
+        self.filters, self.interval = filters, interval
+        self.before = np.full((2, 3), np.nan)
+        self.time = math.nan
+
+    def take(self, log: Log) -> Log:
+        """The next chunk; before the first sample the readings were what that one is, and behind a gap none is known."""
+        if not self.filters.any or not log.t.size:
+            return log
+        if math.isnan(self.time):
+            self.before[:] = log.z[0]
+        apart = np.diff(np.append(self.time, log.t)) > GAP * self.interval
+        known = np.vstack((self.before, log.z))
+        out = log.z.copy()
+        for c, own in enumerate(self.filters):
+            if math.isfinite(own.corner_hz):
+                now, once, twice = own.weights(self.interval)
+                out[:, c] = now * known[2:, c] + once * known[1:-1, c]
+                out[:, c] += twice * known[:-2, c] if own.order > 1 else 0.0
+                out[apart, c] = np.nan
+                if own.order > 1:
+                    out[1:, c][apart[:-1]] = np.nan
+        self.before, self.time = known[-2:].copy(), float(log.t[-1])
+        return replace(log, z=out)
+
+
+def low_passes_of(
+    log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Acquisition, Rig], float]
+) -> LowPasses:
+    """The filters before the readings of a log; none where its first start does not tell.
+
+    offset_of: zero offset of the voltage [V] of what a logger does and a rig.
+    """
+    none, cut = LowPasses(), first_start(log)
+    if cut is None or not rig.driven.motor or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+        return none
+    start = _Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
+    if start.misfit(none) < FITS and not start.coloured:
+        return none
+    best = _with_one_more(start, none)
+    if FITS < start.misfit(best) < NEAR:
+        other = _with_one_more(start, best)
+        best = other if start.nats(other) > start.nats(best) + NOTICED_NATS else best
+    return best if start.misfit(best) < FITS and start.nats(best) > start.without else none
+
+
+def _with_one_more(start: "_Start", found: LowPasses) -> LowPasses:
+    """The filters with the best further one, of those before some channels."""
+    corners = [1.0 / (2.0 * math.pi * start.interval * samples) for samples in TIMES]
+    kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
+    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in start.groups]
+    begun.sort(key=start.nats, reverse=True)
+    return max((_finest(start, one) for one in begun[:CLIMBED]), key=start.nats)
+
+
+def _finest(start: "_Start", found: LowPasses) -> LowPasses:
+    """Filters with the best corner, order and delay of those like the given ones."""
+    for factor, samples in FINER:
+        found = max(_near(found, factor, samples, start.interval), key=start.nats)
+    return found
+
+
+def _near(found: LowPasses, factor: float, samples: float, interval: float) -> list[LowPasses]:
+    """The same with corners lower and higher, of either order, earlier and later.
+
+    Another corner, or order, is tried as late as the one before and as late in all: a delay looks much like a lower corner.
+    """
+    out = [found]
+    for kind in {own for own in found if math.isfinite(own.corner_hz)}:
+        channels = tuple(c for c, own in enumerate(found) if own == kind)
+        lates = {kind.late - samples, kind.late, kind.late + samples}
+        tried = [kind._replace(late=late) for late in lates]
+        for order in ORDERS:
+            for corner in (kind.corner_hz / factor, kind.corner_hz, kind.corner_hz * factor):
+                other = kind._replace(corner_hz=corner, order=order)
+                less = (kind.delay_s - other.delay_s) / interval
+                tried += [other, other._replace(late=kind.late + less)]
+        out += [found.of(channels, own) for own in tried if own.late >= 0.0]
+    return out
+
+
+class _Start:
+    """A log until its first start is over, as nominal explains it without the filters that may have come before its readings."""
+
+    def __init__(
+        self, log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Acquisition, Rig], float]
+    ) -> None:
+        self.log, self.rig, self.offset_of = log, rig, offset_of
+        self.settings = replace(settings, unknown=False, sensors=False)
+        self.interval = float(np.median(np.diff(log.t)))
+        self.rests, self.clock = rests_for_noise(log), clock_of(log.t)
+        self.most = [
+            LEFT * float(np.ptp(z[np.isfinite(z)])) if np.isfinite(z).any() else 0.0 for z in log.z.T
+        ]
+        self.traits: dict[tuple[int, LowPass], ChannelTraits] = {}
+        self.known: dict[LowPasses, tuple[float, float]] = {}
+        self.without = self._told(LowPasses(), settings)[0] + NOTICED_NATS
+        means = [
+            c for (c, _), traits in self.traits.items() if traits.averaged > 1
+        ]  # known for what they are
+        self.coloured = any(traits.correlation_s and traits.averaged == 1 for traits in self.traits.values())
+        self.groups = [channels for channels in CHANNELS if not set(channels) & set(means)]
+
+    def nats(self, filters: LowPasses) -> float:
+        """Log-likelihood of the readings as they were logged."""
+        return self._of(filters)[0]
+
+    def misfit(self, filters: LowPasses) -> float:
+        """NIS in motion over its expectation."""
+        return self._of(filters)[1]
+
+    def _of(self, filters: LowPasses) -> tuple[float, float]:
+        if filters not in self.known:
+            self.known[filters] = self._told(filters, self.settings)
+        return self.known[filters]
+
+    def _told(self, filters: LowPasses, settings: BankSettings) -> tuple[float, float]:
+        log = Unfiltered(filters, self.interval).take(self.log)
+        acquisition = self._acquisition(filters, log)
+        if self._drowned(filters, acquisition):
+            return -math.inf, math.inf
+        late = Lateness(*(own.late for own in filters))
+        rig = set_right(replace(self.rig, logger=acquisition), late, self.interval)
+        log = Readings(acquisition, log.rate_hz, self.rig.noise_std).take(log)
+        zero = np.array([self.offset_of(acquisition, rig), 0.0, 0.0])
+        cut = first_start(SetBack(late).take(replace(log, z=log.z - zero)))
+        assert cut is not None  # the command is the same
+        e = Bank(rig, settings).advance(cut)
+        read = np.isfinite(cut.z)
+        moving = e.active & read.any(axis=1)
+        nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
+        # Densities are of what is left: of what was logged they are larger by how much a filter had shrunk it.
+        grown = float(read[BEGIN:].sum(axis=0) @ np.log([own.weights(self.interval)[0] for own in filters]))
+        return nats_of(e) + grown, float(np.mean(nis[moving] / read[moving].sum(axis=1)))
+
+    def _drowned(self, filters: LowPasses, acquisition: Acquisition) -> bool:
+        """Whether what is left of a channel without its filter is noise."""
+        own = zip(filters, acquisition[:3], self.most, strict=True)
+        return any(math.isfinite(low.corner_hz) and traits.noise_std > most for low, traits, most in own)
+
+    def _acquisition(self, filters: LowPasses, log: Log) -> Acquisition:
+        """What the logger would have done without the filters."""
+        usual = self.rig.file_noise_std.tolist()
+        for c, own in enumerate(filters):
+            if (c, own._replace(late=0.0)) not in self.traits:
+                made = channel_traits(log.t, log.z[:, c], log.w_cmd, self.rests, usual[c])
+                self.traits[c, own._replace(late=0.0)] = made
+        voltage, current, position = (self.traits[c, own._replace(late=0.0)] for c, own in enumerate(filters))
+        return Acquisition(voltage, current, position, self.clock)

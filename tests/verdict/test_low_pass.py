@@ -1,0 +1,156 @@
+"""Filters before readings, against digital filters of another kind than the one that is taken out, and readings without them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden import Fault, draw_move_case, make_log
+from hypothesis import given
+from hypothesis import strategies as st
+from logged_signals import RATE, log_of, signal
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from observer_fi.logs.ingest import log_from_frame
+from observer_fi.physics.rigs import load_rig
+from observer_fi.records import Log
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict.as_logged import AsLogged, electrical_offset
+from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict.logger.low_pass import LowPass, LowPasses, Unfiltered, low_passes_of
+
+RIG, SETTINGS = load_rig(), BankSettings()
+NOISE = (0.01, 3e-4, 1e-5)
+NONE = LowPasses()
+
+
+def filtered(
+    seed: int, label: str, channels: tuple[int, ...], hz: float, order: int, noisy: bool = False
+) -> Log:
+    """A move whose channels went through a Butterworth filter; noisy: with the sensors' noise behind it once more."""
+    log = log_from_frame(make_log(draw_move_case(seed, label), seed)[0])
+    b, a = butter(order, hz, fs=RATE)
+    z, rng = log.z.copy(), np.random.default_rng(seed)
+    for c in channels:
+        z[:, c] = lfilter(b, a, z[:, c], zi=lfilter_zi(b, a) * z[0, c])[0]
+        z[:, c] += rng.normal(0.0, NOISE[c], len(z)) * noisy
+    return replace(log, z=z)
+
+
+def found(log: Log) -> LowPasses:
+    return low_passes_of(log, RIG, SETTINGS, electrical_offset)
+
+
+def failing(fault: Fault, seed: int, after_s: float) -> Log:
+    """A move through an ideal logger, with a fault so long after its start."""
+    spec = draw_move_case(seed, "nominal")
+    begins = replace(fault, onset_s=spec.profile.moves[0].start_s + after_s)
+    return log_from_frame(make_log(replace(spec, fault=begins), seed)[0])
+
+
+# --- what is found -------------------------------------------------------------------------------
+
+CASES = [
+    ((1,), 60.0, 1, False),
+    ((1,), 30.0, 2, False),
+    ((1,), 30.0, 1, True),
+    ((1,), 10.0, 2, False),
+    ((0, 1), 60.0, 1, False),
+    ((0, 1, 2), 30.0, 1, False),
+]
+
+
+@pytest.mark.parametrize("channels, hz, order, noisy", CASES)
+def test_the_filter_before_a_current_is_found(
+    channels: tuple[int, ...], hz: float, order: int, noisy: bool
+) -> None:
+    told = found(filtered(7700 + int(hz), "nominal", channels, hz, order, noisy))
+    assert [c for c, own in enumerate(told) if math.isfinite(own.corner_hz)] == list(channels)
+    assert all(told[c].order == order and told[c].corner_hz == pytest.approx(hz, rel=0.05) for c in channels)
+
+
+def test_an_ideal_logger_has_none() -> None:
+    for k, label in enumerate(("nominal", "overload", "coupling_loss") * 2):
+        assert found(log_from_frame(make_log(draw_move_case(7720 + k, label), 7720 + k)[0])) == NONE
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("overload", 0.0),
+        Fault("coupling_loss", 0.0),
+        Fault("sensor_fault", 0.0, "frozen", "position"),
+        Fault("sensor_fault", 0.0, "frozen", "current"),
+        Fault("sensor_fault", 0.0, "bias", "current", 9e-3),
+    ],
+    ids=lambda fault: f"{fault.kind}-{fault.channel}",
+)
+def test_a_fault_in_the_start_is_no_filter(fault: Fault) -> None:
+    for seed, after_s in zip(range(7730, 7732), (0.02, 0.1), strict=True):
+        assert found(failing(fault, seed, after_s)) == NONE, seed
+
+
+# --- what is made of it --------------------------------------------------------------------------
+
+VERDICTS = [
+    ((1,), 30.0, 2, False),
+    ((1,), 30.0, 1, True),
+    ((2,), 30.0, 2, False),
+    ((0, 1, 2), 60.0, 2, False),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("channels, hz, order, noisy", VERDICTS)
+def test_verdicts_are_right_behind_a_filter(
+    channels: tuple[int, ...], hz: float, order: int, noisy: bool
+) -> None:
+    """The current's had been sensor faults at more than 0.9999, healthy moves too."""
+    for k, label in enumerate(("nominal", "overload", "coupling_loss") * 2):
+        verdict = diagnose_log(
+            filtered(7750 + k, label, channels, hz, order, noisy), RIG, Settings()
+        ).isolation.verdict
+        assert verdict.label == label or label in verdict.alike, (7750 + k, verdict)
+
+
+def test_a_healthy_move_behind_a_filter_is_healthy_and_its_filter_told() -> None:
+    outcome = diagnose_log(filtered(7741, "nominal", (1,), 30.0, 1), RIG, Settings())
+    assert outcome.isolation.verdict.label == "nominal"
+    assert outcome.acquisition is not None
+    assert outcome.acquisition.current.low_pass_hz == pytest.approx(30.0, rel=0.05)
+    assert any("current_a comes through a low-pass filter of" in line for line in outcome.warnings)
+
+
+# --- readings without a filter -------------------------------------------------------------------
+
+
+@given(st.floats(2.0, 300.0), st.sampled_from([1, 2]), st.lists(st.integers(1, 60), min_size=1, max_size=4))
+def test_what_went_into_a_filter_comes_back_chunk_by_chunk(hz: float, order: int, cuts: list[int]) -> None:
+    log = signal()
+    now, once, twice = LowPass(hz, order).weights(1.0 / RATE)
+    assert now + once + twice == pytest.approx(1.0)
+    z = log.z.copy()
+    poles = np.array([now, once, twice]) / now
+    z[:, 1] = log.z[0, 1] + lfilter([1.0 / now], poles, log.z[:, 1] - log.z[0, 1])
+    back = Unfiltered(NONE.of((1,), LowPass(hz, order)), 1.0 / RATE)
+    through = replace(log, z=z)
+    edges = [0, *np.cumsum(cuts).tolist(), log.t.size]
+    parts = [
+        back.take(through.part(slice(a, b))).z for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a
+    ]
+    np.testing.assert_allclose(np.concatenate(parts), log.z, rtol=1e-6, atol=1e-9)
+
+
+def test_behind_a_gap_nothing_is_known() -> None:
+    log = signal()
+    kept = np.ones(log.t.size, dtype=bool)
+    kept[100:110] = False
+    gap = log_of(log.t[kept], log.z[kept])
+    out = Unfiltered(NONE.of((1,), LowPass(30.0, 2)), 1.0 / RATE).take(gap).z
+    assert np.flatnonzero(np.isnan(out[:, 1])).tolist() == [100, 101] and np.isfinite(out[:, [0, 2]]).all()
+
+
+def test_without_a_filter_nothing_is_touched() -> None:
+    log = signal()
+    assert Unfiltered(NONE, 1.0 / RATE).take(log) is log
+    assert AsLogged(log, RIG, SETTINGS).low_passes == NONE
