@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.logs.command_recovery import ABSENT
-from observer_fi.numerics import digits
+from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
@@ -72,9 +72,9 @@ def _wrap_notes(position: Array) -> Iterator[str]:
         and 0.5 < moving[k + 1 : k + 1 + AROUND].sum() / before < 2.0
     ]
     if wraps:
+        jump = with_unit(abs(float(steps[wraps[0]])), "m")
         yield (
-            f"position_m jumps by {with_unit(abs(float(steps[wraps[0]])), 'm')} against its motion: does it start anew each turn of its "
-            "sensor? Log it without jumps"
+            f"position_m jumps by {jump} against its motion: does it start anew each turn of its sensor? Log it without jumps"
         )
 
 
