@@ -142,7 +142,9 @@ class WholeMove:
     def _by_other_laws(self, found: Sequence[Path]) -> Iterator[Path]:
         """The fault by its other laws, where it is the best or one that follows whatever comes is."""
         top = max(found, key=lambda path: path.gain, default=None)
-        for h in self.laws if top is not None and top.gain > 0.0 else ():
+        if top is None or top.gain <= 0.0:
+            return
+        for h in self.laws:
             if self._as_well(top) if top.hypothesis.label == h.label else not _follows(top.hypothesis):
                 continue
             same = [p for p in found if p.hypothesis.label == h.label and p.gain >= HOPELESS * top.gain]
