@@ -6,6 +6,8 @@ Seeds from 90000 on: none of them was looked at while thresholds were set.
 """
 
 import argparse
+import math
+import time
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -76,24 +78,36 @@ def _said(job: Job, outcome: Outcome, truth: dict[str, Any], first_s: float) -> 
     }  # fmt: skip
 
 
-def study(jobs: Iterable[Job], workers: int) -> pd.DataFrame:
-    """The rows of all jobs."""
+def study(
+    jobs: Iterable[Job], workers: int, rows: Path | None = None, until: float = math.inf
+) -> pd.DataFrame:
+    """The rows of all jobs begun before `until` [s of `time.monotonic`], each written to `rows` as it comes."""
+    done: list[dict[str, Any]] = []
     with ProcessPoolExecutor(workers) as pool:
-        return pd.DataFrame(pool.map(judged, jobs, chunksize=4) if workers > 1 else map(judged, jobs))
+        for row in pool.map(judged, jobs, chunksize=4) if workers > 1 else map(judged, jobs):
+            done.append(row)
+            if rows:
+                pd.DataFrame([row]).to_csv(
+                    rows, mode="w" if len(done) == 1 else "a", header=len(done) == 1, index=False
+                )
+            if time.monotonic() > until:
+                break
+    return pd.DataFrame(done)
 
 
 def trait_jobs(traits: Iterable[str], moves: int, first: int) -> list[Job]:
-    """`moves` a trait, a third of each class."""
-    return [Job(trait, CLASSES[k % len(CLASSES)], first + k) for trait in traits for k in range(moves)]
+    """`moves` a trait, a third of each class; one move through every trait before the next, so that a cut run tells of all."""
+    traits = list(traits)
+    return [Job(trait, CLASSES[k % len(CLASSES)], first + k) for k in range(moves) for trait in traits]
 
 
 def failing_jobs(moves: int, factor: float, first: int) -> list[Job]:
     """`moves` on an ideal logger for each way in which each sensor fails."""
     return [
         Job("ideal", "sensor_fault", first + k, kind, channel, factor)
+        for k in range(moves)
         for kind in hidden.FAILURES
         for channel in hidden.CHANNELS
-        for k in range(moves)
     ]
 
 
@@ -177,14 +191,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--factor", type=float, default=3.0, help="size of these failures, in FAILING_SIGMAS")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--rows", type=Path, help="where to write a row a move, as CSV")
+    parser.add_argument("--rows", type=Path, help="where to write a row a move, as CSV, as they come")
+    parser.add_argument(
+        "--minutes", type=float, default=math.inf, help="stop after so long, with the moves that are done"
+    )
     parser.add_argument("--out", type=Path, default=Path("reports/loggers.md"))
     options = parser.parse_args(arguments)
     jobs = trait_jobs(options.traits, options.moves, options.first)
     jobs += failing_jobs(options.failing, options.factor, options.first)
-    frame = study(jobs, options.workers)
-    if options.rows:
-        frame.to_csv(options.rows, index=False)
+    frame = study(jobs, options.workers, options.rows, time.monotonic() + 60 * options.minutes)
     options.out.write_text(summary(frame, options.first, options.factor))
     print(f"wrote {options.out}")
     return 0

@@ -17,7 +17,15 @@ from observer_fi.bank.bank_state import (
 )
 from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
-from observer_fi.bank.hypotheses import REPEATING, Hypothesis, arrays, bank, of_a_move, on_top
+from observer_fi.bank.hypotheses import (
+    REPEATING,
+    Hypothesis,
+    arrays,
+    bank,
+    of_a_move,
+    on_top,
+    other_laws,
+)
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
 from observer_fi.bank.rig_scale import ROOMS, between_samples, usual_errors, with_room
@@ -44,6 +52,7 @@ __all__ = [
     "log_feed",
     "of_a_move",
     "on_top",
+    "other_laws",
     "entries",
     "Visits",
     "state_of",

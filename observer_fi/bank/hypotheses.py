@@ -95,6 +95,17 @@ def on_top(first: Hypothesis, h: Hypothesis) -> Hypothesis:
     return replace(h, model=model, states=(*h.states, *(own.name for own in first.own)), kept=first.own)
 
 
+def other_laws(rig: Rig, settings: BankSettings) -> tuple[Hypothesis, ...]:
+    """The faults of `of_a_move` by the other laws that they may follow."""
+    plant = override(rig.model, NOMINAL, **rig.watched.plant)
+    laws = [(row, law) for row in FAULTS.values() for law in row.laws]
+    return tuple(
+        h
+        for row, law in laws
+        for h in _hypotheses(row, law.sizes, override(plant, NOMINAL, **law.plant(plant)), rig, settings)
+    )
+
+
 def _gaussians(own: OwnState) -> tuple[OwnState, ...]:
     """The Gaussians that the prior of a fault's constant, and of its growth, is made of."""
     pairs = itertools.product(own.means or (own.mean,), own.growths or (own.growth,))

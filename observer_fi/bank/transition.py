@@ -241,7 +241,7 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
         slope = -(1.0 - p[a.COUPLING]) * (p[a.KM] * i - load) * per_J
         _set_slope(g, 0, at, has, AT_LOOSE_J, slope / state_or(x, at, has, AT_LOOSE_J, 1.0))
     if at[AT_D] >= 0:
-        _set_slope(g, 0, at, has, AT_D, -2.0 * abs(p[a.C]) * abs(d) * per_J)
+        _set_slope(g, 0, at, has, AT_D, -a.stop_stiffness(d, p) * per_J)
     if at[AT_C] >= 0:
         _set_slope(g, 0, at, has, AT_C, -a.stop_torque(w, d, p) * per_J / state_or(x, at, has, AT_C, 1.0))
     if at[AT_E] >= 0:

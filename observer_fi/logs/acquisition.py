@@ -48,6 +48,7 @@ MOST_LINES = 4
 OPPOSITE = (
     -0.38
 )  # autocorrelation of differences that shows a mean: -0.5 but for the error of a rest of 600 samples
+BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the largest of many
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
@@ -446,8 +447,11 @@ def averaged_of(pieces: Sequence[Array]) -> int:
         return 1
     rho = autocorrelation(np.diff(y), lags)
     k = int(np.argmin(rho))
-    others = np.delete(rho, k)
-    return k + 1 if rho[k] < OPPOSITE and np.abs(others[: 2 * k + 4]).max() < -0.5 * OPPOSITE else 1
+    others = float(np.abs(np.delete(rho, k)[: 2 * k + 4]).max())
+    chance = min(
+        BY_CHANCE / math.sqrt(y.size), 0.6 * abs(float(rho[k]))
+    )  # the largest of many lags of a short rest
+    return k + 1 if rho[k] < OPPOSITE and others < max(-0.5 * OPPOSITE, chance) else 1
 
 
 def _evenly(t: Array, step: float) -> bool:

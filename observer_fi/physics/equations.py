@@ -238,6 +238,7 @@ SPEED, POSITION, PITCH, SHAFT_ANGLE, SCREW_ANGLE, CURRENT = 1.0, 2.0, 3.0, 4.0, 
 
 DEGREE = math.pi / 180.0
 CONTACT_DEPTH = 5e-3  # m, depth at which a changed contact exponent leaves the torque as it was
+SHALLOWEST = 1e-9  # m, from which on a power of a depth is taken: far below what any log resolves
 
 
 @inlined
@@ -436,11 +437,26 @@ def stop_torque(w, d, p):
         torque = abs(p[C]) * depth * depth
         if any_of_rare(p[EXTENDED]):
             if any_of_rare(p[CONTACT_EXPONENT] - 2.0):
-                torque *= (depth / CONTACT_DEPTH) ** (p[CONTACT_EXPONENT] - 2.0)
+                torque *= _law_of_depth(depth, p)
             torque += (p[CONTACT_DAMPING] * depth + p[CONTACT_DRAG]) * w * copysign(1.0, d)
             torque = where_above(depth, 0.0, maximum(torque, 0.0), 0.0)  # a stop pushes and never pulls
         torque = copysign(torque, d)
     return torque
+
+
+@inlined
+def _law_of_depth(depth, p):
+    """What an exponent n other than 2 makes of the torque of a stop: (d / CONTACT_DEPTH)^(n - 2)."""
+    return (maximum(depth, SHALLOWEST) / CONTACT_DEPTH) ** (p[CONTACT_EXPONENT] - 2.0)
+
+
+@inlined
+def stop_stiffness(d, p):
+    """Slope of the stop's torque by the indentation d, n C d^(n - 1) [N m/m]; damping is left out."""
+    slope = 2.0 * abs(p[C]) * abs(d)
+    if any_of_rare(p[EXTENDED]) and any_of_rare(p[CONTACT_EXPONENT] - 2.0):
+        slope = p[CONTACT_EXPONENT] * abs(p[C]) * maximum(abs(d), SHALLOWEST) * _law_of_depth(abs(d), p)
+    return slope
 
 
 @inlined

@@ -28,7 +28,8 @@ class OwnState(NamedTuple):
     means: of several Gaussians in place of the one around `mean`, for a constant that a filter cannot find from afar. growths: of
     several in place of `growth`, for a state that may stand or run away. creeps: mean, std and growth of one more Gaussian, of a
     fault that begins at nothing and grows slowly. factor: of a constant that differs by decades, a standard deviation of its
-    logarithm, where evidence is weighed; a filter begins with the Gaussian of mean and std.
+    logarithm, where evidence is weighed; a filter begins with the Gaussian of mean and std. told_as: of a factor, how it is told;
+    None: in the unit of its parameter, times the value in the rig file.
     """
 
     name: str
@@ -45,10 +46,30 @@ class OwnState(NamedTuple):
     growths: tuple[float, ...] = ()
     creeps: tuple[float, float, float] | None = None
     factor: float = 0.0
+    told_as: "Told | None" = None
 
     def says(self, value: float, unit: str) -> str:
         """How large the fault is, in a sentence."""
         return self.words.format(size_words(value, unit))
+
+
+class Told(NamedTuple):
+    """A factor as it is told: in `unit`, and in a sentence in its own unit, each for a factor of 1 of a plant."""
+
+    unit: str
+    value: Callable[[Model], float]
+    unit_in_words: str
+    in_words: Callable[[Model], float]
+
+
+class Law(NamedTuple):
+    """Another law of the same fault, tried on a whole move where that fault or one that follows anything is the best so far.
+
+    plant: what it changes beside the row's own change, of the healthy plant; sizes: its constants, as those of the row.
+    """
+
+    plant: Callable[[Model], Mapping[str, float]]
+    sizes: tuple[OwnState, ...]
 
 
 def _itself(plant: Model, value: float) -> float:
@@ -94,7 +115,7 @@ class FaultRow:
 
     label: in report.json. plant: what it changes of the parameters. shares: constants of the healthy plant that it still
     shows. states: those it adds in a bank, none of it where `live` is False. sizes: the same where a whole move is at hand,
-    wide enough for a fault of any severity. least: how a healthy move tells
+    wide enough for a fault of any severity. laws: other laws that it may follow. least: how a healthy move tells
     what of it would have shown, or None. heals: it can be over within a move. rare: seldom, next to the others, and where
     most moves of a log show it the model is to blame. open_loop: the paper's mixture knows it. by_channel: one hypothesis a
     channel, which that hypothesis does not believe. made_by: kinds of synthetic fault of which it is the right verdict.
@@ -110,6 +131,7 @@ class FaultRow:
     shares: tuple[str, ...]
     states: tuple[OwnState, ...]
     sizes: tuple[OwnState, ...]
+    laws: tuple[Law, ...]
     least: Least | None
     live: bool
     heals: bool

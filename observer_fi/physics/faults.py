@@ -5,8 +5,10 @@ explanation says of it. A fault is also the hypotheses of a bank: one, or for a 
 called "sensor:voltage" and so on.
 """
 
+import math
 from types import MappingProxyType
 
+from observer_fi.physics.equations import CONTACT_DEPTH
 from observer_fi.physics.fault_row import (
     NOMINAL,
     NOT_TESTED,
@@ -14,8 +16,10 @@ from observer_fi.physics.fault_row import (
     UNKNOWN,
     FaultRow,
     Injection,
+    Law,
     Least,
     OwnState,
+    Told,
     table,
 )
 from observer_fi.physics.rigs import Model, override
@@ -45,6 +49,42 @@ def _stiffness(plant: Model, share: float) -> float:
 _FRICTION_AND_GRAVITY = ("A", "B")
 _LOST = "the mass loses {} of its travel"
 
+
+def _spring(plant: Model) -> dict[str, float]:
+    """A spring whose torque grows with its indentation itself, as large as that of the plant's stop where that is friction's."""
+    depth = math.sqrt(plant["A"] / plant["C"]) if plant["A"] and plant["C"] else CONTACT_DEPTH
+    return {"contact_exponent": 1.0, "C": plant["C"] * depth / CONTACT_DEPTH}
+
+
+def _torque_per_metre(plant: Model) -> float:
+    return plant["C"] * CONTACT_DEPTH
+
+
+def _newton_per_millimetre(plant: Model) -> float:
+    """Of a spring that the mass meets, from its torque on the motor: a torque T stands for a force T / D."""
+    return 1e-3 * _torque_per_metre(plant) / plant["D"]
+
+
+_SHARE_LOST = OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.0, high=1.0)
+_DEPTH = OwnState("d", 0.0, 2e-6, 0.0)
+_LINEAR = OwnState(
+    "C",
+    1.0,
+    6.0,
+    0.0,
+    "stiffness",
+    "the obstacle is a spring of {}",
+    low=0.05,
+    factor=5.0,
+    told_as=Told("N m/m", _torque_per_metre, "N/mm", _newton_per_millimetre),
+)
+_LOAD = OwnState("torque", 0.0, 0.5, 0.3, of_friction=True)
+# Beside the paper's square law: a spring; and one with a load in front of it, of a law between and beyond the two, or a wall.
+_SPRINGS = (
+    Law(_spring, (_DEPTH, _LINEAR, _SHARE_LOST)),
+    Law(_spring, (_DEPTH, _LINEAR._replace(std=1000.0, factor=0.0), _SHARE_LOST, _LOAD)),
+)
+
 # Colours are Okabe and Ito's, which people of every colour vision tell apart.
 FAULTS = table(
     FaultRow(
@@ -53,6 +93,7 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(),
+        laws=(),
         least=None,
         live=True,
         heals=False,
@@ -77,8 +118,9 @@ FAULTS = table(
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
             OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {} stiff", low=0.05, factor=5.0),
-            OwnState("E", 0.5, 0.3, 0.0, "share_lost", _LOST, absolute=True, low=0.03, high=1.0),
+            _SHARE_LOST,
         ),
+        laws=_SPRINGS,
         least=Least(
             "C",
             (0.01, 0.3, 10.0, 300.0),
@@ -136,6 +178,7 @@ FAULTS = table(
                 ),  # it divides: the first samples of a free motor are far from linear in it
             ),
         ),
+        laws=(),
         least=Least(
             "A_decoupled",
             (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.35),
@@ -165,6 +208,7 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(OwnState("E", 0.5, 0.4, 0.03, "share_lost", _LOST, absolute=True, low=0.01, high=0.98),),
+        laws=(),
         least=Least("E", (0.001, 0.01, 0.1, 0.9), "share_lost", "a slip of {} or more"),
         live=False,
         heals=False,
@@ -200,6 +244,7 @@ FAULTS = table(
                 creeps=(0.0, 0.05, 0.02),
             ),
         ),
+        laws=(),
         least=Least("torque", (0.003, 0.03, 0.3, 3.0), "friction_rise", "friction risen by {} or more"),
         live=False,
         heals=False,
@@ -225,6 +270,7 @@ FAULTS = table(
             OwnState("rate", 0.0, 1e-3, 5e-4),
         ),  # a load and a slip at will
         sizes=(OwnState("torque", 0.0, 5e-4, 2e-4), OwnState("rate", 0.0, 1e-3, 5e-4)),
+        laws=(),
         least=None,
         live=True,
         heals=False,
@@ -250,6 +296,7 @@ FAULTS = table(
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(),
+        laws=(),
         least=None,
         live=True,
         heals=False,

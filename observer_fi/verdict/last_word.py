@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from observer_fi.bank import Bank, Hypothesis, of_a_move
+from observer_fi.bank import Bank, Hypothesis, of_a_move, other_laws
 from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
@@ -21,11 +21,11 @@ from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, first_misfi
 from observer_fi.verdict.moves.stories import (
     Story,
     constant,
+    in_order,
     measured,
     of_any_decade,
     posterior_of,
     special_case,
-    worth,
 )
 from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
@@ -55,6 +55,7 @@ class LastWord:
         self.rig, self.filters, self.settings = rig, filters, settings
         self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
         self.hypotheses: tuple[Hypothesis, ...] = ()
+        self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
         self.nats: dict[
             float, float
@@ -101,7 +102,7 @@ class LastWord:
         if not stories and whole.n > whole.moving and doubted < whole.window.t[whole.moving - 1] - STOPPED_S:
             stopped = self._of_the_stop(whole)
             paths, stories = [*paths, *stopped], self._told_by(stopped, whole, event)
-        stories = sorted(self._of_sensor_or_nut(stories, whole, bank, event), key=lambda s: -worth(s))
+        stories = in_order(list(self._of_sensor_or_nut(stories, whole, bank, event)))
         two = self._two(paths, stories, event, whole)
         if two is not None:
             return two
@@ -172,11 +173,13 @@ class LastWord:
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""
-        stories = sorted(self._told_by(whole.paths(first, last), whole, event), key=lambda s: -worth(s))
+        stories = in_order(self._told_by(whole.paths(first, last), whole, event))
         return (self._told(event, stories, whole), stories[0].path) if stories else None
 
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
         """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""
+        if path.begin > whole.moving + 2 * LEFT:  # at rest a drive may be switched off
+            return False
         last = whole.n if path.end is None else path.end
         elsewhere = np.concatenate((whole.nis[: path.begin], whole.nis[last:]))
         clean = elsewhere.size > 0 and float(elsewhere.mean()) <= FITS * whole.expected(whole.nominal)
@@ -248,7 +251,8 @@ class LastWord:
         if found is None:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
-        return WholeMove(self.hypotheses, *found, self.filters)
+        self.laws = self.laws or other_laws(self.rig, self.filters.settings)
+        return WholeMove(self.hypotheses, *found, self.filters, self.laws)
 
     def _told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
         """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.
@@ -283,12 +287,12 @@ class LastWord:
         posterior density of its constant over the prior one (Dickey 1971).
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
-        if all(self._believable(path, own, whole) for own in held.values()):
+        if all(self._believable(path, own, whole) for own in held.values()) and _resists(path):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
             return
         lost, std = constant(path, held["E"])
-        if "C" in held and self._believable(path, held["E"], whole):
+        if "C" in held and "torque" not in held and self._believable(path, held["E"], whole):
             yield Story("slip", path.gain + special_case(path, held["C"], 0.0), path)
         if abs(lost - 1.0) < BELIEVABLE * std:
             yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
@@ -339,7 +343,8 @@ class LastWord:
         path, label = best.path, label_of(best.mode)
         posterior = posterior_of(event, stories)
         self.nats[event.start_s] = best.gain + float(np.diff(whole.until)[whole.window.active].sum())
-        tells = [own for own in FAULTS[label].sizes if own.tells and own.name in path.hypothesis.states]
+        sizes = path.hypothesis.own if path.hypothesis.label == label else FAULTS[label].sizes
+        tells = [own for own in sizes if own.tells and own.name in path.hypothesis.states]
         told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
             over_s=None if path.end is None or whole.lasts(path) else float(t[path.end]),
@@ -369,10 +374,15 @@ class LastWord:
             friction, doubt = self._friction(path)
             scale = whole.direction(path.begin, path.end) / friction
             std = math.hypot(std, value * doubt)
+        elif own.told_as is not None:
+            scale, unit = own.told_as.value(path.hypothesis.model), own.told_as.unit
         elif not own.absolute:
             scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
+        said = (scale * value, unit)
+        if own.told_as is not None:
+            said = (value * own.told_as.in_words(path.hypothesis.model), own.told_as.unit_in_words)
         value, half = scale * value, Z95 * abs(scale) * std
-        return Severity(own.tells, value, (value - half, value + half), unit, own.says(value, unit))
+        return Severity(own.tells, value, (value - half, value + half), unit, own.says(*said))
 
     def _friction(self, path: Path) -> tuple[float, float]:
         """Friction of the healthy rig as the move has it [N m], and the relative standard deviation of that."""
@@ -382,6 +392,15 @@ class LastWord:
         k = states.index("A")
         factor = float(path.memory.x[k])
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _resists(path: Path) -> bool:
+    """Whether a spring without a load in front of it has shown its stiffness: one of none is a slip."""
+    own = {o.name: o for o in path.hypothesis.own}
+    if "torque" in own or "C" not in own or own["C"].told_as is None:
+        return True
+    value, std = constant(path, own["C"])
+    return value > BELIEVABLE * std
 
 
 def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, float] | None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .plant import Plant
+from .plant import CONTACT_REFERENCE_M, Plant
 from .rig import Rig
 
 LABELS = ("nominal", "overload", "coupling_loss", "slip", "jam", "sensor_fault", "unknown")
@@ -42,6 +42,21 @@ DEFAULT_SIZES = {"slip": 0.5, "jam": 1.0}
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """A spring in the way: its torque on the motor is preload + at_1mm (d / 1 mm)^exponent [N m], d its indentation.
+
+    exponent: 1 a rubber buffer or a coil spring, 1.5 a ball (Hertz), 2 the paper's stop. damping [N m s/m] of the motion into it;
+    share_lost of the travel while in contact, as E of the rig.
+    """
+
+    at_1mm: float
+    exponent: float = 1.0
+    preload: float = 0.0
+    damping: float = 0.0
+    share_lost: float = 0.0
+
+
+@dataclass(frozen=True)
 class Fault:
     """One fault. label: of LABELS; onset_s on the log's clock.
 
@@ -57,6 +72,7 @@ class Fault:
     size: float | None = None
     duration_s: float = np.inf
     growth_s: float = 0.0
+    obstacle: Obstacle | None = None
 
     def __post_init__(self):
         kinds = {"sensor_fault": tuple(FAILURES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
@@ -64,6 +80,8 @@ class Fault:
             raise ValueError(f"{self.label!r} of kind {self.kind!r}: labels are {LABELS}, kinds {kinds}")
         if (self.label == "nominal") != (self.onset_s is None):
             raise ValueError("a fault needs an onset, and no fault has none")
+        if self.obstacle is not None and self.label != "overload":
+            raise ValueError(f"{self.label!r} meets no obstacle")
         if self.growth_s and self.label not in DEFAULT_SIZES:
             raise ValueError(f"{self.label!r} does not grow: {', '.join(DEFAULT_SIZES)} do")
         if (self.label == "sensor_fault") != (self.channel in CHANNELS):
@@ -88,7 +106,7 @@ NO_FAULT = Fault()
 def faulty_plant(plant: Plant, rig: Rig, fault: Fault, direction: float) -> Plant:
     """The plant from the onset on. direction: sign of the move at onset, where an obstacle stands."""
     if fault.label == "overload":
-        return plant._replace(stop_here=direction)
+        return _against(plant, fault.obstacle)._replace(stop_here=direction)
     if fault.label == "coupling_loss":
         return _decoupled(plant, rig)
     if fault.label == "slip":
@@ -98,6 +116,19 @@ def faulty_plant(plant: Plant, rig: Rig, fault: Fault, direction: float) -> Plan
     if fault.label == "unknown":
         return _unknown(plant, fault)
     return plant
+
+
+def _against(plant: Plant, obstacle: Obstacle | None) -> Plant:
+    """Where both stops are of the obstacle's law."""
+    if obstacle is None:
+        return plant
+    return plant._replace(
+        C=obstacle.at_1mm / CONTACT_REFERENCE_M**2,
+        E=float(obstacle.share_lost),
+        contact_exponent=float(obstacle.exponent),
+        contact_preload=float(obstacle.preload),
+        contact_damping=float(obstacle.damping),
+    )
 
 
 def _decoupled(plant: Plant, rig: Rig) -> Plant:

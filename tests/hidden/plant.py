@@ -62,6 +62,7 @@ class Plant(NamedTuple):
     slip_per_torque: float = 0.0
     contact_exponent: float = 2.0
     contact_damping: float = 0.0
+    contact_preload: float = 0.0  # N m, of a spring that was pressed before the mass met it
     # outside the vocabulary of causes
     power_torque: float = 0.0
     bump_peak: float = 0.0
@@ -123,6 +124,7 @@ def contact_torque(p, stop_low, stop_high, x, w):
     if depth <= 0.0:
         return 0.0
     spring = p.C * CONTACT_REFERENCE_M**2 * (depth / CONTACT_REFERENCE_M) ** p.contact_exponent
+    spring += p.contact_preload
     return side * max(0.0, spring + side * p.contact_damping * p.D * (1.0 - p.E) * w)
 
 

@@ -35,10 +35,14 @@ def lasted(path: Path, whole: WholeMove) -> Lasted | None:
     h = path.hypothesis
     if path.begin >= whole.moving:
         return None
-    entered = whole.entered(path)
-    memories, nis = whole.followed(h, entered, path.begin)
     stop = whole.moving if path.end is None else min(path.end, whole.moving)
-    until = first_misfit(nis[: stop - path.begin], whole.expected(h), whole)
+    until = None
+    for near in (None, path.memory):  # a wall is not found soon: what is no misfit from either is none
+        entered = whole.entered(path, near)
+        _, nis = whole.followed(h, entered, path.begin)
+        until = first_misfit(nis[: stop - path.begin], whole.expected(h), whole)
+        if until is None:
+            break
     if until is not None:
         return Lasted(path.begin + until, h, path.begin, entered)
     if path.end is None or whole.lasts(path):
@@ -65,7 +69,7 @@ def until(whole: WholeMove, sample: int) -> WholeMove | None:
     if sample < 2 * LEFT:
         return None
     window: LogSamples = whole.window.cut(0, sample)
-    return WholeMove((whole.nominal, *whole.faults), window, whole.memories[0], whole.filters)
+    return WholeMove((whole.nominal, *whole.faults), window, whole.memories[0], whole.filters, whole.laws)
 
 
 def behind(first: Lasted, whole: WholeMove) -> WholeMove | None:
@@ -73,6 +77,6 @@ def behind(first: Lasted, whole: WholeMove) -> WholeMove | None:
     if whole.n - first.since < 4 * LEFT:
         return None
     others = tuple(on_top(first.base, h) for h in whole.faults if h.label != first.base.label)
-    return WholeMove(
-        (first.base, *others), whole.window.cut(first.since, whole.n), first.memory, whole.filters
-    )
+    laws = tuple(on_top(first.base, h) for h in whole.laws if h.label != first.base.label)
+    rest = whole.window.cut(first.since, whole.n)
+    return WholeMove((first.base, *others), rest, first.memory, whole.filters, laws)

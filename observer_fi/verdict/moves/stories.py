@@ -1,7 +1,7 @@
 """What paths of a whole move may be called, and what each name is worth."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ RARE_NATS, AT_WILL = math.log(10.0), 2e-3
 OF_SENSORS = {label for label, row in FAULTS.items() if row.by_channel}
 FINER = 0.85  # times the misfit of a slip, that of a sensor which is as likely
 LEARNED = 0.5  # of its prior's width, from which a constant still has it: where it then lies is where its filter began
+AS_WELL = 1.1  # times the misfit of a jam, that of a spring of about the right law
+NO_LOSS, FOLLOWS = 0.03, 3.0  # share of the travel, and standard deviations of it, that is as good as none
 SHARPEST = 1e-9  # of its prior: what is left of a constant that no reading can change
 
 
@@ -88,14 +90,15 @@ def worth(story: Story) -> float:
 def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
     """Probability of each label: its best story against nominal and the others'.
 
-    How a sensor fails is no part of its model. It and a slip look alike at one speed: where it explains what it believes better
-    than the slip all channels, less than that share of what is gained says nothing.
+    How a sensor fails, or a jam grows, is no part of its model. A resistance that grows with the travel of a mass which follows
+    the motor whole is a jam as well as a spring, until the mass turns back. A failed sensor and a slip look alike at one speed:
+    where it explains what it believes better than the slip all channels, less than that share of what is gained says nothing.
     """
-    nats, best = {NOMINAL: 0.0}, dict[str, Story]()
-    for story in sorted(stories, key=worth):
-        label = label_of(story.mode)
-        nats[label], best[label] = worth(story), story
+    best = _best_of(stories)
+    nats = {NOMINAL: 0.0} | {label: worth(story) for label, story in best.items()}
     top = max(nats.values())
+    if _spring_or_jam(best, top):
+        nats |= {"jam": top, "overload": top}
     for label in OF_SENSORS & best.keys():
         slip = best.get("slip")
         if slip is not None and _misfit(best[label].path) < FINER * _misfit(slip.path):
@@ -103,6 +106,37 @@ def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())
     return {label: weight / total for label, weight in weights.items()}
+
+
+def in_order(stories: Sequence[Story]) -> list[Story]:
+    """Stories, the most likely first; of a spring and a jam that are alike the jam, which may grow in any way."""
+    out, best = sorted(stories, key=lambda s: -worth(s)), _best_of(stories)
+    if out and label_of(out[0].mode) == "overload" and _spring_or_jam(best, worth(out[0])):
+        out.remove(best["jam"])
+        out.insert(0, best["jam"])
+    return out
+
+
+def _best_of(stories: Sequence[Story]) -> dict[str, Story]:
+    """The best story of each label."""
+    return {label_of(story.mode): story for story in sorted(stories, key=worth)}
+
+
+def _spring_or_jam(best: Mapping[str, Story], top: float) -> bool:
+    """Whether the best stories, of which one is worth `top`, leave a spring that the mass follows into and a jam that grows."""
+    if not {"jam", "overload"} <= best.keys() or top > max(worth(best[k]) for k in ("jam", "overload")):
+        return False
+    spring, jam = best["overload"], best["jam"]
+    near = abs(worth(spring) - worth(jam)) < AT_WILL * top
+    free = any(own.name == "torque" for own in spring.path.hypothesis.own)
+    as_well = not free and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
+    return _follows_whole(spring.path) and (near or as_well)
+
+
+def _follows_whole(path: Path) -> bool:
+    """Whether the mass that presses against an obstacle loses none of its travel."""
+    lost, std = constant(path, next(own for own in path.hypothesis.own if own.name == "E"))
+    return abs(lost) < max(NO_LOSS, FOLLOWS * std)
 
 
 def _misfit(path: Path) -> float:

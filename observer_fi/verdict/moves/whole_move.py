@@ -27,6 +27,7 @@ JUMP_DEG = 1.0  # of the pitch from one sample to the next: a rig that was set u
 LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
+BY_CHANCE = 3.0  # standard deviations by which a fault of the right law may fit worse than nominal before it
 KEPT = 5  # hypotheses of each look that are followed to the end
 ROUNDS, ROUND_NATS = 4, 1.0  # of an iterated filter, and what a round must gain for another one
 
@@ -85,13 +86,19 @@ def window_of(event: Event, bank: Bank, rest_s: float = 0.0) -> tuple[LogSamples
 class WholeMove:
     """A move as samples from the rest before it to its last one under way, or on into the stop and the rest after it.
 
-    hypotheses: those of the bank, nominal first. memory: of nominal before the window's first sample. moving: samples up to
-    the last one under way.
+    hypotheses: those of the bank, nominal first. laws: other laws of those faults. memory: of nominal before the window's first
+    sample. moving: samples up to the last one under way.
     """
 
     def __init__(
-        self, hypotheses: Sequence[Hypothesis], window: LogSamples, memory: HypothesisState, filters: Filters
+        self,
+        hypotheses: Sequence[Hypothesis],
+        window: LogSamples,
+        memory: HypothesisState,
+        filters: Filters,
+        laws: Sequence[Hypothesis] = (),
     ) -> None:
+        self.laws = tuple(laws)
         self.nominal, self.faults = hypotheses[0], tuple(hypotheses[1:])
         self.window, self.n, self.filters = window, window.t.size, filters
         under_way = np.flatnonzero(window.active)
@@ -129,7 +136,20 @@ class WholeMove:
                     continue
                 if gain >= HOPELESS * best:
                     found.append(self._ended(b))
-        return sorted(self._settled(found), key=lambda path: -path.gain)
+        settled = list(self._settled(found))
+        return sorted((*settled, *self._by_other_laws(settled)), key=lambda path: -path.gain)
+
+    def _by_other_laws(self, found: Sequence[Path]) -> Iterator[Path]:
+        """The fault by its other laws, where it is the best or one that follows whatever comes is."""
+        top = max(found, key=lambda path: path.gain, default=None)
+        if top is None or top.gain <= 0.0:
+            return
+        for h in self.laws:
+            if self._as_well(top) if top.hypothesis.label == h.label else not _follows(top.hypothesis):
+                continue
+            same = [p for p in found if p.hypothesis.label == h.label and p.gain >= HOPELESS * top.gain]
+            best = max(same, key=lambda path: path.gain, default=top)
+            yield self._again(self._ended(self._refined(h, best.begin, self.looks[-1])))
 
     def _settled(self, found: Sequence[Path]) -> Iterator[Path]:
         """The paths, and the best one of each name again from the constants that it found while it lasted.
@@ -159,8 +179,24 @@ class WholeMove:
             path = after
         return path
 
-    def entered(self, path: Path) -> HypothesisState:
-        """What the fault of a path remembers before its first sample, near the constants that it finds soon after it."""
+    def _as_well(self, path: Path) -> bool:
+        """Whether a fault explains its samples as well as nominal those before it: then it follows no other law."""
+        last = self.n if path.end is None else path.end
+        usual = float(self.nis[: path.begin].mean()) if path.begin > LEFT else self.expected(path.hypothesis)
+        chance = math.sqrt(
+            2.0 / max(usual, 1.0) * (1.0 / max(last - path.begin, 1) + 1.0 / max(path.begin, LEFT))
+        )
+        return path.nis <= usual * (1.0 + BY_CHANCE * chance)
+
+    def entered(self, path: Path, near: HypothesisState | None = None) -> HypothesisState:
+        """What the fault of a path remembers before its first sample, near the constants that it finds soon after it.
+
+        near: what it found of them in another way.
+        """
+        if near is not None:
+            return self._entry(path.hypothesis, self._believable(path.hypothesis, near))(
+                self._nominal_at(path.begin)
+            )
         look = min(self.looks[1], (self.n if path.end is None else path.end) - path.begin)
         near = self._constants(path.hypothesis, path.begin, look, None)
         return self._entry(path.hypothesis, near)(self._nominal_at(path.begin))
@@ -435,6 +471,11 @@ def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None
 def _constants_of(h: Hypothesis) -> bool:
     """Whether a fault has constants of the plant, which its filter finds the better the nearer it begins."""
     return any(own.name in INDEX for own in h.own)
+
+
+def _follows(h: Hypothesis) -> bool:
+    """Whether a fault has a load of its own that may do anything."""
+    return any(own.name not in INDEX and own.growth > 0.0 for own in h.own)
 
 
 def _near(h: Hypothesis, begin: int, known: set[tuple[str, int]]) -> bool:
