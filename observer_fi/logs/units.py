@@ -19,7 +19,8 @@ PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
 HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
 DRIVEN_BACK, TOUCHING = 0.2, 0.02  # of the largest voltage and current
-JUMP, AROUND = 0.8, 20  # of what a position covers; samples on either side that tell its motion
+# Of what a position covers; times the largest of its other steps; samples on either side that tell its motion.
+JUMP, OUTSIZED, AROUND = 0.8, 5.0, 20
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
@@ -62,6 +63,10 @@ def _wrap_notes(position: Array) -> Iterator[str]:
     x = position[np.isfinite(position)]
     steps = np.diff(x)
     jumps = np.flatnonzero(np.abs(steps) > JUMP * float(np.ptp(x))) if x.size else np.zeros(0, dtype=np.int64)
+    if not jumps.size or np.abs(steps[jumps]).max() < OUTSIZED * np.abs(np.delete(steps, jumps)).max(
+        initial=0.0
+    ):
+        return  # a position in few steps
     jumping = np.where(np.isin(np.arange(steps.size), jumps), steps, 0.0)
     moving = steps - jumping
     wraps = [

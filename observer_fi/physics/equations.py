@@ -453,9 +453,9 @@ def _law_of_depth(depth, p):
 @inlined
 def stop_stiffness(d, p):
     """Slope of the stop's torque by the indentation d, n C d^(n - 1) [N m/m]; damping is left out."""
-    slope = 2.0 * abs(p[C]) * abs(d)
+    slope = 2.0 * abs(p[C]) * maximum(abs(d), SHALLOWEST)
     if any_of_rare(p[EXTENDED]) and any_of_rare(p[CONTACT_EXPONENT] - 2.0):
-        slope = p[CONTACT_EXPONENT] * abs(p[C]) * maximum(abs(d), SHALLOWEST) * _law_of_depth(abs(d), p)
+        slope *= 0.5 * p[CONTACT_EXPONENT] * _law_of_depth(abs(d), p)
     return slope
 
 

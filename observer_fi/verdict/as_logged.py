@@ -18,7 +18,7 @@ from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import LowPasses, Unfiltered, low_passes_of
-from observer_fi.verdict.moves.of_the_day import Day, FirstStart
+from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
 from observer_fi.verdict.testable import for_readings
 
 OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
@@ -34,9 +34,15 @@ class AsLogged:
     """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
-        self.low_passes = low_passes_of(log, rig, settings, electrical_offset)
-        self.unfiltered, self.interval = Unfiltered(self.low_passes, 1.0 / log.rate_hz), 1.0 / log.rate_hz
-        log = self.unfiltered.take(log)
+        self.low_passes, self.interval = LowPasses(), 1.0 / log.rate_hz
+        start = self._learn(log, rig, settings)
+        self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
+        if self.low_passes.any:
+            self._learn(log, rig, settings)
+
+    def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
+        """All but the filters before the readings; how well the first start is explained, where it tells."""
+        log = Unfiltered(self.low_passes, self.interval).take(log)
         measured = _told_filters(acquisition_of(log, rig.file_noise_std), self.low_passes)
         self.acquisition = _commanded(_of(measured, rig.logger), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
@@ -48,7 +54,7 @@ class AsLogged:
         known = replace(rig, logger=self.acquisition)
         averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
         self.late = lateness_of(self._even(self.readings.take(log)), known, self.settings, averaged)
-        self.late, self.day = self._of_the_day(log, known, averaged)
+        self.late, self.day, start = self._of_the_day(log, known, averaged)
         self.offset = self.day.offset
         known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
         as_filed = (
@@ -59,6 +65,7 @@ class AsLogged:
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         self.set_back = SetBack(self.late)
         self.unfiltered = Unfiltered(self.low_passes, self.interval)
+        return start
 
     @property
     def plain(self) -> bool:
@@ -91,8 +98,11 @@ class AsLogged:
         held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands
         return bool(same_noise) and same and held
 
-    def _of_the_day(self, log: Log, known: Rig, averaged: Lateness) -> tuple[Lateness, Day]:
-        """How late channels are, and the winding and gains of the day: a start of other gains can look late."""
+    def _of_the_day(self, log: Log, known: Rig, averaged: Lateness) -> tuple[Lateness, Day, Told | None]:
+        """How late channels are, and the winding and gains of the day: a start of other gains can look late.
+
+        With them how well they explain the first start, where it tells.
+        """
         readings = self._on_even_clock(self.readings.take(log))
 
         def start(late: Lateness) -> FirstStart:
@@ -106,12 +116,14 @@ class AsLogged:
 
         late, begun = self.late, start(self.late)
         day = begun.day()
-        if late == averaged:
-            return late, day
-        in_time = start(averaged)
-        other = in_time.day()
-        better = not other.usual and in_time.told(other).nats > begun.told(day).nats
-        return (averaged, other) if better else (late, day)
+        if begun.cut is None:
+            return late, day, None
+        if late != averaged:
+            in_time = start(averaged)
+            other = in_time.day()
+            if not other.usual and in_time.told(other).nats > begun.told(day).nats:
+                late, day, begun = averaged, other, in_time
+        return late, day, begun.told(day)
 
     def _on_even_clock(self, log: Log) -> Log:
         clock = self.acquisition.clock

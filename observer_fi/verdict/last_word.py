@@ -26,6 +26,7 @@ from observer_fi.verdict.moves.stories import (
     of_any_decade,
     posterior_of,
     special_case,
+    takes_up_any_load,
 )
 from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
@@ -133,16 +134,17 @@ class LastWord:
         self, paths: Sequence[Path], stories: Sequence[Story], event: Event, whole: WholeMove
     ) -> Event | None:
         """The event with a second fault behind the first one, where that explains the move only until then; else None."""
-        if stories and stories[0].mode != UNKNOWN:
+        named = bool(stories) and not takes_up_any_load(stories[0].path)
+        if named:
             tried = [stories[0].path]
         else:
-            best = {p.hypothesis.label: p for p in reversed(paths) if self._counts(p, whole, event)}
-            tried = [p for label, p in best.items() if label != UNKNOWN]
+            firm = (p for p in reversed(paths) if not takes_up_any_load(p) and self._counts(p, whole, event))
+            tried = list({p.hypothesis.label: p for p in firm}.values())
         ends = [found.until for p in tried if (found := lasted(p, whole)) is not None]
         if not ends:
             return None
         stops = [max(ends) - round(WINDOW_S / whole.interval)]
-        if not stories or stories[0].mode == UNKNOWN:
+        if not named:
             best_path = max(tried, key=lambda p: p.gain)
             if best_path.end is not None:  # it seems over where another one takes its place
                 stops.append(best_path.end - STRIDE)
@@ -395,9 +397,9 @@ class LastWord:
 
 
 def _resists(path: Path) -> bool:
-    """Whether a spring without a load in front of it has shown its stiffness: one of none is a slip."""
+    """Whether a spring has shown its stiffness: one of none is a slip, and with a load in front of it a jam."""
     own = {o.name: o for o in path.hypothesis.own}
-    if "torque" in own or "C" not in own or own["C"].told_as is None:
+    if "C" not in own or own["C"].told_as is None:
         return True
     value, std = constant(path, own["C"])
     return value > BELIEVABLE * std

@@ -236,7 +236,7 @@ def test_a_unit_that_cannot_be_right_for_the_rig_is_noted(tmp_path: Path) -> Non
 SHIPPED = Path(__file__).parents[2] / "data"
 
 
-@pytest.mark.parametrize("name", ["overload_steady", "false_alarm_steady", "coupling_loss_transient"])
+@pytest.mark.parametrize("name", ["overload_steady", "false_alarm_steady", "coupling_loss_steady"])
 def test_a_current_without_its_sign_and_a_position_that_starts_anew_are_noted(name: str) -> None:
     log = read_log(SHIPPED / f"{name}.csv.gz")
     model, moves = load_rig().model, log_segments(log)

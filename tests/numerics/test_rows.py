@@ -28,7 +28,7 @@ RANGES = {
     "by_I": (0.0, 2e4), "by_x": (-1e4, 1e4), "by_d": (-1e4, 1e4), "x_by_w": (0.0, 2e-6), "w_slope": (-1e3, 1e3),
     "x_slope": (-1e-3, 1e-3), "supply": (0.0, 15.0), "r": (-2e-3, 2e-3), "emf": (-15.0, 15.0), "R": (20.0, 22.0),
     "limit": (10.0, 15.0), "what": (0.0, 5.0), "given": (0.0, 6.0), "code": (0.0, 6.0),
-    "drive": (-1e-2, 1e-2), "now": (0.0, 30.0),
+    "drive": (-1e-2, 1e-2), "depth": (0.0, 1e-3), "now": (0.0, 30.0),
 }  # fmt: skip
 SIZES = {
     "viscous_positive": 1e-7, "viscous_negative": 2e-7, "stribeck_torque": 1e-4, "friction_asymmetry": 2e-5,

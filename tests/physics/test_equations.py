@@ -331,7 +331,7 @@ def test_equations_run_without_numba() -> None:
     arguments = {
         "w": 210.0, "I": 0.1, "w_cmd": 410.0, "i": 0.05, "i_cmd": 0.05, "h": 0.01, "sag": 0.1, "torque": 5e-4, "V": 9.0,
         "x": 6e-5, "d": 1e-5, "phi": 7.0, "theta": 3.0, "s": 1.0, "seen": 1e-4, "x_rate": 7e-4, "r": 0.4, "p": p,
-        "emf": 4.0, "R": 21.0, "limit": 15.0, "what": 2.0, "given": 2.0, "code": 3.0, "drive": 1e-3, "now": 3.0,
+        "emf": 4.0, "R": 21.0, "limit": 15.0, "what": 2.0, "given": 2.0, "code": 3.0, "drive": 1e-3, "now": 3.0, "depth": 3e-5,
     }  # fmt: skip
     compiled = [f for _, f in inspect.getmembers(a) if hasattr(f, "py_func")]
     if not compiled:

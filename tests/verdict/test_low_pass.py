@@ -15,9 +15,9 @@ from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict.as_logged import AsLogged, electrical_offset
+from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.diagnosis import diagnose_log
-from observer_fi.verdict.logger.low_pass import LowPass, LowPasses, Unfiltered, low_passes_of
+from observer_fi.verdict.logger.low_pass import LowPass, LowPasses, Unfiltered
 
 RIG, SETTINGS = load_rig(), BankSettings()
 NOISE = (0.01, 3e-4, 1e-5)
@@ -38,7 +38,7 @@ def filtered(
 
 
 def found(log: Log) -> LowPasses:
-    return low_passes_of(log, RIG, SETTINGS, electrical_offset)
+    return AsLogged(log, RIG, SETTINGS).low_passes
 
 
 def failing(fault: Fault, seed: int, after_s: float) -> Log:

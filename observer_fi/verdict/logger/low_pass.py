@@ -18,12 +18,13 @@ from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.lateness import Lateness, SetBack, first_start, set_right
-from observer_fi.verdict.moves.of_the_day import nats_of
+from observer_fi.verdict.moves.of_the_day import Told, nats_of
 
 # Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not
 # bring near is no matter of filters.
 FITS, NEAR = 1.6, 30.0
 NOTICED_NATS = 40.0  # that filters must gain at a start
+SLOW = 2.0  # samples: noise of a longer correlation may have come through a filter with the signal
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
 TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
 CLIMBED = 3  # groups of channels whose best filter is looked at closer
@@ -120,30 +121,48 @@ class Unfiltered:
 
 
 def low_passes_of(
-    log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Acquisition, Rig], float]
+    log: Log,
+    rig: Rig,
+    settings: BankSettings,
+    offset_of: Callable[[Acquisition, Rig], float],
+    without: Told | None,
+    acquisition: Acquisition,
 ) -> LowPasses:
     """The filters before the readings of a log; none where its first start does not tell.
 
-    offset_of: zero offset of the voltage [V] of what a logger does and a rig.
+    offset_of: zero offset of the voltage [V] of what a logger does and a rig; without: how well the start is explained without
+    filters, and acquisition: what the logger then does.
     """
     none, cut = LowPasses(), first_start(log)
-    if cut is None or not rig.driven.motor or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+    if without is None or cut is None:
+        return none
+    groups = _groups(acquisition, 1.0 / log.rate_hz, without.misfit < FITS)
+    if not groups:
         return none
     start = _Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
-    if start.misfit(none) < FITS and not start.coloured:
-        return none
-    best = _with_one_more(start, none)
+    best = _with_one_more(start, none, groups)
     if FITS < start.misfit(best) < NEAR:
-        other = _with_one_more(start, best)
+        other = _with_one_more(start, best, groups)
         best = other if start.nats(other) > start.nats(best) + NOTICED_NATS else best
-    return best if start.misfit(best) < FITS and start.nats(best) > start.without else none
+    worth = max(start.as_filed, without.nats) + NOTICED_NATS
+    return best if start.misfit(best) < FITS and start.nats(best) > worth else none
 
 
-def _with_one_more(start: "_Start", found: LowPasses) -> LowPasses:
-    """The filters with the best further one, of those before some channels."""
+def _groups(acquisition: Acquisition, interval: float, explained: bool) -> list[tuple[int, ...]]:
+    """Channels that may have a filter: of a start that is explained without only those whose noise has come through one, too."""
+    single = {
+        c for c, traits in enumerate(acquisition[:3]) if traits.averaged == 1
+    }  # a mean is known for what it is
+    slow = {c for c, traits in enumerate(acquisition[:3]) if (traits.correlation_s or 0.0) > SLOW * interval}
+    among = single & slow if explained else single
+    return [channels for channels in CHANNELS if set(channels) <= among]
+
+
+def _with_one_more(start: "_Start", found: LowPasses, groups: list[tuple[int, ...]]) -> LowPasses:
+    """The filters with the best further one, before a group of channels."""
     corners = [1.0 / (2.0 * math.pi * start.interval * samples) for samples in TIMES]
     kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
-    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in start.groups]
+    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in groups]
     begun.sort(key=start.nats, reverse=True)
     return max((_finest(start, one) for one in begun[:CLIMBED]), key=start.nats)
 
@@ -189,12 +208,7 @@ class _Start:
         ]
         self.traits: dict[tuple[int, LowPass], ChannelTraits] = {}
         self.known: dict[LowPasses, tuple[float, float]] = {}
-        self.without = self._told(LowPasses(), settings)[0] + NOTICED_NATS
-        means = [
-            c for (c, _), traits in self.traits.items() if traits.averaged > 1
-        ]  # known for what they are
-        self.coloured = any(traits.correlation_s and traits.averaged == 1 for traits in self.traits.values())
-        self.groups = [channels for channels in CHANNELS if not set(channels) & set(means)]
+        self.as_filed = self._told(LowPasses(), settings)[0]
 
     def nats(self, filters: LowPasses) -> float:
         """Log-likelihood of the readings as they were logged."""
@@ -223,6 +237,8 @@ class _Start:
         e = Bank(rig, settings).advance(cut)
         read = np.isfinite(cut.z)
         moving = e.active & read.any(axis=1)
+        if not moving.any():
+            return -math.inf, math.inf
         nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
         # Densities are of what is left: of what was logged they are larger by how much a filter had shrunk it.
         grown = float(read[BEGIN:].sum(axis=0) @ np.log([own.weights(self.interval)[0] for own in filters]))

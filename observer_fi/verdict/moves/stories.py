@@ -128,9 +128,14 @@ def _spring_or_jam(best: Mapping[str, Story], top: float) -> bool:
         return False
     spring, jam = best["overload"], best["jam"]
     near = abs(worth(spring) - worth(jam)) < AT_WILL * top
-    free = any(own.name == "torque" for own in spring.path.hypothesis.own)
-    as_well = not free and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
+    as_well = not takes_up_any_load(spring.path) and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
     return _follows_whole(spring.path) and (near or as_well)
+
+
+def takes_up_any_load(path: Path) -> bool:
+    """Whether what a path explains says little: a fault that follows anything, or an obstacle with a load in front of it."""
+    own = {o.name for o in path.hypothesis.own}
+    return path.hypothesis.label == UNKNOWN or {"C", "torque"} <= own
 
 
 def _follows_whole(path: Path) -> bool:
