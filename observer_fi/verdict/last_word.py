@@ -21,6 +21,7 @@ from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, first_misfi
 from observer_fi.verdict.moves.stories import (
     Story,
     constant,
+    follows_whole,
     in_order,
     measured,
     of_any_decade,
@@ -47,6 +48,9 @@ STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the s
 # What begins within this of the stop gains by a speed in doubt anew: 39 nats in healthy moves at 10 rad/s, 53 with gains that
 # are off. It must have so many times the nats of another fault.
 STOPPING_S, IN_A_STOP = 0.01, 10.0
+
+
+TOGETHER_S = 0.1  # between the begins of two faults that may be one
 
 
 class LastWord:
@@ -150,7 +154,10 @@ class LastWord:
                 stops.append(best_path.end - STRIDE)
             stops.append(best_path.first - STRIDE)  # of a lesser fault before it a great one leaves no trace
         pairs = (self._pair(event, whole, stop) for stop in stops)
-        return next((pair for pair in pairs if pair is not None), None)
+        at_once = (
+            bool(stories) and stories[0].mode != UNKNOWN
+        )  # an obstacle that comes with a load is one fault
+        return next((pair for pair in pairs if pair is not None and not (at_once and _together(pair))), None)
 
     def _pair(self, event: Event, whole: WholeMove, stop: int) -> Event | None:
         """The event with the fault that explains the move as far as a sample, and another behind it; None without either."""
@@ -397,12 +404,18 @@ class LastWord:
 
 
 def _resists(path: Path) -> bool:
-    """Whether a spring has shown its stiffness: one of none is a slip, and with a load in front of it a jam."""
+    """Whether a spring has shown its stiffness: one of none is a slip, and with a load before it that the mass follows into a jam."""
     own = {o.name: o for o in path.hypothesis.own}
-    if "C" not in own or own["C"].told_as is None:
+    if "C" not in own or own["C"].told_as is None or ("torque" in own and not follows_whole(path)):
         return True
     value, std = constant(path, own["C"])
     return value > BELIEVABLE * std
+
+
+def _together(pair: Event) -> bool:
+    """Whether two faults of a move begin at one time."""
+    begins = [event.onset_s for event in (pair, *pair.then) if event.onset_s is not None]
+    return float(np.ptp(begins)) < TOGETHER_S
 
 
 def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, float] | None:

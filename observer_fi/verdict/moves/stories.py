@@ -129,7 +129,7 @@ def _spring_or_jam(best: Mapping[str, Story], top: float) -> bool:
     spring, jam = best["overload"], best["jam"]
     near = abs(worth(spring) - worth(jam)) < AT_WILL * top
     as_well = not takes_up_any_load(spring.path) and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
-    return _follows_whole(spring.path) and (near or as_well)
+    return follows_whole(spring.path) and (near or as_well)
 
 
 def takes_up_any_load(path: Path) -> bool:
@@ -138,7 +138,7 @@ def takes_up_any_load(path: Path) -> bool:
     return path.hypothesis.label == UNKNOWN or {"C", "torque"} <= own
 
 
-def _follows_whole(path: Path) -> bool:
+def follows_whole(path: Path) -> bool:
     """Whether the mass that presses against an obstacle loses none of its travel."""
     lost, std = constant(path, next(own for own in path.hypothesis.own if own.name == "E"))
     return abs(lost) < max(NO_LOSS, FOLLOWS * std)
