@@ -404,7 +404,7 @@ class LastWord:
 
 
 def _resists(path: Path) -> bool:
-    """Whether a spring has shown its stiffness: one of none is a slip, and with a load before it that the mass follows into a jam."""
+    """Whether a spring has shown its stiffness: one of none is a slip, and a load before it that the mass follows a jam."""
     own = {o.name: o for o in path.hypothesis.own}
     if "C" not in own or own["C"].told_as is None or ("torque" in own and not follows_whole(path)):
         return True
