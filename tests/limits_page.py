@@ -9,7 +9,7 @@ from observer_fi.learn import move_data
 from observer_fi.logs import acquisition, cleaning, columns, ingest, line_parser, tables
 from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
 from observer_fi.physics import PARAMETERS, rig_file
-from observer_fi.verdict import lateness
+from observer_fi.verdict.logger import lateness, low_pass
 
 PAGE = Path(__file__).parent.parent / "docs" / "limits.md"
 
@@ -129,6 +129,13 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             f"{max(lateness.RELATIVE):g} samples between voltage and current, {max(lateness.COMMON):g} of both, "
             f"{max(lateness.OF_POSITION):g} of the position, and half as much again",
             "log the channels at one time; a fault in the first quarter of a second of a log may pass for a delay",
+        ),
+        (
+            "filter before a channel",
+            f"a time constant of {min(low_pass.TIMES):g} to {max(low_pass.TIMES):.0f} samples, order one or Butterworth's second; "
+            "one of a group of channels, and one more",
+            f"readings that are more than {low_pass.LEFT:.0%} noise without it tell nothing: log without, or sample finer; "
+            "identify and improve do not look for filters",
         ),
         ("line of a stream", f"{line_parser.LONGEST_LINE >> 10} KB", "longer: skipped, told"),
     ]

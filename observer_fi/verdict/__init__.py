@@ -1,11 +1,11 @@
 """Estimates to verdicts: isolation, onset, the open-loop mixture beside it, and what they say in words."""
 
 from observer_fi.verdict import comparison, scores
-from observer_fi.verdict.as_logged import LEARNABLE, AsLogged
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import Isolator, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.logger.as_logged import LEARNABLE, AsLogged
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_samples
 from observer_fi.verdict.wrong_rig import describes

@@ -8,7 +8,7 @@ from observer_fi.logs import FEWEST_STEPS
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
-from observer_fi.verdict.as_logged import AsLogged
+from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.low_pass import LowPass
 
 UNITS = ("V", "A", "m")

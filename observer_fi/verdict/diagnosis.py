@@ -29,7 +29,6 @@ from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome,
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
-from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
 from observer_fi.verdict.drift import raised_friction, usual_rise
@@ -43,6 +42,7 @@ from observer_fi.verdict.isolate import (
     tested,
 )
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.moves.unloaded import without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom

@@ -24,7 +24,7 @@ from observer_fi.physics import rigs as models
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.as_logged import AsLogged
+from observer_fi.verdict.logger.as_logged import AsLogged
 
 DATA = Path(__file__).parents[2] / "data"
 SAMPLES = json.loads((DATA / "samples.json").read_text())

@@ -12,7 +12,7 @@ from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.as_logged import AsLogged, electrical_offset
+from observer_fi.verdict.logger.as_logged import AsLogged, electrical_offset
 
 RIG, SETTINGS = load_rig(), BankSettings()
 LABELS = ("nominal", "overload", "coupling_loss")

@@ -13,7 +13,7 @@ from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, 
 from observer_fi.settings import Settings
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.diagnosis import diagnose_log
-from observer_fi.verdict.lateness import Lateness
+from observer_fi.verdict.logger.lateness import Lateness
 from observer_fi.verdict.logger.low_pass import LowPass, LowPasses
 
 RIG = load_rig()

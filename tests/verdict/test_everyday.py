@@ -11,7 +11,7 @@ from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Event, Log
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.as_logged import AsLogged
+from observer_fi.verdict.logger.as_logged import AsLogged
 
 RIG = load_rig()
 COMES_AND_GOES = (

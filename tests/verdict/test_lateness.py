@@ -16,10 +16,10 @@ from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict import lateness
-from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.diagnosis import diagnose_log
-from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger import lateness
+from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.lateness import Lateness, SetBack, lateness_of, set_right
 
 RIG, SETTINGS = load_rig(), BankSettings()
 SEEDS = range(7601, 7607)

@@ -15,8 +15,8 @@ from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings
-from observer_fi.verdict.as_logged import AsLogged
 from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.low_pass import LowPass, LowPasses, Unfiltered
 
 RIG, SETTINGS = load_rig(), BankSettings()

@@ -1,1 +1,1 @@
-"""What a logger does to its readings that only a motion shows: filters before them."""
+"""A rig and its bank fitted to what a log shows of its logger: noise, delays, and filters before its readings."""

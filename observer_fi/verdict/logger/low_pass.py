@@ -17,7 +17,7 @@ from observer_fi.logs import Readings, channel_traits, clock_of, rests_for_noise
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.lateness import Lateness, SetBack, first_start, set_right
+from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, set_right
 from observer_fi.verdict.moves.of_the_day import Told, nats_of
 
 # Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not

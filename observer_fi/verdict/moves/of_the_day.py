@@ -14,7 +14,7 @@ from observer_fi.bank import Bank
 from observer_fi.physics import Rig, with_values
 from observer_fi.records import Estimate, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.lateness import first_start
+from observer_fi.verdict.logger.lateness import first_start
 
 # Of the resistance of the rig file: copper has 0.39 % more a kelvin, and a winding that is cold or has run is 15 K cooler to 45 K
 # warmer. What lies beyond is a fault.

@@ -16,7 +16,7 @@ from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger.lateness import Lateness, SetBack, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import LowPasses, Unfiltered, low_passes_of
 from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
 from observer_fi.verdict.testable import for_readings
