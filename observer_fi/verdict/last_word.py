@@ -293,9 +293,12 @@ class LastWord:
 
         A soft stop without stiffness is a slip; a mass that has lost all its travel without any change of the load is a position
         that stands still, and one that outruns the motor a position that is wrong. The evidence of a special case is the
-        posterior density of its constant over the prior one (Dickey 1971).
+        posterior density of its constant over the prior one (Dickey 1971). A mass that stands while the load grows is none of
+        these.
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
+        if _stands_under_load(path):
+            return
         if all(self._believable(path, own, whole) for own in held.values()) and _resists(path):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
         if "E" not in held:
@@ -416,6 +419,15 @@ def _together(pair: Event) -> bool:
     """Whether two faults of a move begin at one time."""
     begins = [event.onset_s for event in (pair, *pair.then) if event.onset_s is not None]
     return float(np.ptp(begins)) < TOGETHER_S
+
+
+def _stands_under_load(path: Path) -> bool:
+    """Whether a path takes a mass that has lost all its travel for one that presses against something."""
+    own = {o.name: o for o in path.hypothesis.own}
+    if not {"C", "E"} <= own.keys():
+        return False
+    (lost, std), (stiff, doubt) = constant(path, own["E"]), constant(path, own["C"])
+    return lost > 1.0 - BELIEVABLE * std and stiff > BELIEVABLE * doubt
 
 
 def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, float] | None:
