@@ -51,6 +51,7 @@ def _magnitude_notes(volts: Array, amperes: Array) -> Iterator[str]:
         np.count_nonzero(back) >= FEWEST
         and i.min() > -least
         and np.abs(i).min() < least < float(np.median(i[back]))
+        and float(np.ptp(np.quantile(i[back], (0.1, 0.9)))) > least  # a frozen one is dead
     ):
         yield (
             "current_a is never negative though the voltage drives it backward: is it a magnitude? "

@@ -255,8 +255,9 @@ def test_sensors_that_fail_have_no_wrong_unit() -> None:
     log = read_log(SHIPPED / "overload_steady.csv.gz")
     model, moves = load_rig().model, log_segments(log)
     late = log.t > log.t[-1] - 0.8
+    begun = log.t > log.t[np.flatnonzero(log.w_cmd)[0]] + 0.02
     for channel, value in ((1, 0.0), (1, 0.4), (2, 0.0), (1, np.nan), (2, np.nan)):
-        for part in (late, slice(None), slice(1000, None, 500)):
+        for part in (late, begun, slice(None), slice(1000, None, 500)):
             z = log.z.copy()
             z[part, channel] = value
             notes = suspect_units(replace(log, z=z), moves, model)
