@@ -43,7 +43,7 @@ def sandbox(folder: Path) -> None:
     for name in ("campaign.csv.gz", "contact.csv.gz"):
         shutil.copy(sample, folder / name)
     healthy = pd.read_csv(sample, comment="#")
-    for name in ("healthy.csv", "monday.csv"):
+    for name in ("healthy.csv", "monday.csv", "before.csv", "after.csv"):
         healthy.to_csv(folder / name, index=False)
     foreign = healthy.rename(columns={"current_a": "I [mA]", "time_s": "t [s]"})
     foreign.assign(**{"I [mA]": 1e3 * foreign["I [mA]"]}).to_csv(folder / "run.csv", index=False)

@@ -118,7 +118,7 @@ FAULTS = table(
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
             OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {} stiff", low=0.05, factor=5.0),
-            _SHARE_LOST,
+            _SHARE_LOST._replace(low=0.03),
         ),
         laws=_SPRINGS,
         least=Least(
