@@ -39,9 +39,6 @@ class AsLogged:
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
         if self.low_passes.any:
             self._learn(log, rig, settings)
-            if self._wanders():
-                self.low_passes = LowPasses()
-                self._learn(log, rig, settings)
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
@@ -69,11 +66,6 @@ class AsLogged:
         self.set_back = SetBack(self.late)
         self.unfiltered = Unfiltered(self.low_passes, self.interval)
         return start
-
-    def _wanders(self) -> bool:
-        """Whether noise of a channel is coloured without its filter too: it wanders for another reason."""
-        own = zip(self.low_passes, self.acquisition[:3], strict=True)
-        return any(math.isfinite(low.corner_hz) and bool(traits.correlation_s) for low, traits in own)
 
     @property
     def plain(self) -> bool:

@@ -24,6 +24,7 @@ from observer_fi.verdict.moves.of_the_day import Told, nats_of
 # bring near is no matter of filters.
 FITS, NEAR = 1.6, 30.0
 NOTICED_NATS = 40.0  # that filters must gain at a start
+ABOUT = 2.5  # times the delay of a filter, the correlation time of noise that has come through it
 SLOW = 2.0  # samples: noise of a longer correlation may have come through a filter with the signal
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
 TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
@@ -136,7 +137,8 @@ def low_passes_of(
     none, cut = LowPasses(), first_start(log)
     if without is None or cut is None:
         return none
-    groups = _groups(acquisition, 1.0 / log.rate_hz, without.misfit < FITS)
+    explained = without.misfit < FITS
+    groups = _groups(acquisition, 1.0 / log.rate_hz, explained)
     if not groups:
         return none
     start = _Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
@@ -144,8 +146,19 @@ def low_passes_of(
     if FITS < start.misfit(best) < NEAR:
         other = _with_one_more(start, best, groups)
         best = other if start.nats(other) > start.nats(best) + NOTICED_NATS else best
+    if explained and not _colours(best, acquisition):
+        return none
     worth = max(start.as_filed, without.nats) + NOTICED_NATS
     return best if start.misfit(best) < FITS and start.nats(best) > worth else none
+
+
+def _colours(filters: LowPasses, acquisition: Acquisition) -> bool:
+    """Whether filters make noise of about the colour that it has: noise that wanders for another reason shows none."""
+    own = zip(filters, acquisition[:3], strict=True)
+    told = [
+        (low.delay_s, traits.correlation_s or math.inf) for low, traits in own if math.isfinite(low.corner_hz)
+    ]
+    return all(1.0 / ABOUT < delay / time < ABOUT for delay, time in told)
 
 
 def _groups(acquisition: Acquisition, interval: float, explained: bool) -> list[tuple[int, ...]]:
