@@ -247,7 +247,7 @@ def constant_slopes(x, at, has, w, d, i, di_dV, load, per_J, theta, p, base, g):
     if at[AT_E] >= 0:
         _set_slope(g, 1, at, has, AT_E, -p[a.COUPLING] * p[a.D] * w * base[a.E])
     if at[AT_TORQUE] >= 0:
-        _set_slope(g, 0, at, has, AT_TORQUE, -per_J)
+        _set_slope(g, 0, at, has, AT_TORQUE, -(1.0 + p[a.RUBBING] * (s - 1.0)) * per_J)
     if at[AT_RATE] >= 0:
         _set_slope(g, 1, at, has, AT_RATE, 1.0 + zeros_like(w))
 

@@ -46,11 +46,12 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     "A_decoupled": ("N m", None),
     "J_decoupled": ("kg m^2", None),
     "accel_cmd": ("rad/s^2", None),
-    # where the rails end; and the two switches that make a fault of a plant
+    # where the rails end; and the switches that make a fault of a plant; rubbing: a free torque turns with the motion
     "x_stop_high": ("m", math.inf),
     "x_stop_low": ("m", -math.inf),
     "coupling": ("1", 1.0),
     "contact": ("1", 0.0),
+    "rubbing": ("1", 0.0),
     # torque
     "viscous_positive": ("N m s/rad", 0.0),
     "viscous_negative": ("N m s/rad", 0.0),
@@ -157,6 +158,7 @@ VECTOR_SIZE = len(NAMES) + 1
     X_STOP_LOW,
     COUPLING,
     CONTACT,
+    RUBBING,
     VISCOUS_POSITIVE,
     VISCOUS_NEGATIVE,
     STRIBECK_TORQUE,

@@ -227,7 +227,7 @@ FAULTS = table(
     ),
     FaultRow(
         label="jam",
-        plant={},
+        plant={"rubbing": 1.0},  # whichever way the motor turns
         shares=_FRICTION_AND_GRAVITY,
         states=(),
         sizes=(

@@ -173,9 +173,15 @@ def driving(m, slow, late, p):
 
 
 @inlined
+def free_load(s, free, p):
+    """The free torque against a motor that moves in direction s [N m]: a load, or friction where it is `rubbing`."""
+    return free.torque * (1.0 + p[a.RUBBING] * (s - 1.0))
+
+
+@inlined
 def applied(s, m, slow, drive, theta, free, p):
     """Torque against the motor that moves in direction s, driven by `drive` (equations 7, 11, 13) [N m]."""
-    torque = a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free.torque
+    torque = a.applied_torque(s, m.w, m.x, m.d, m.inner.phi, theta, p) + free_load(s, free, p)
     if any_of_rare(p[a.EXTENDED]):
         torque += s * slow.cold * a.coulomb_friction(p)
         if any_of_rare(p[a.TORQUE_FRICTION]):
@@ -209,8 +215,8 @@ def breakaway(m, slow, late, theta, free, p):
     still = zeros_like(m.I)
     push = p[a.KM] * motor_current(still, m.I, m.inner.c, slow, late, still, 0.0, p)
     hold = a.friction(still, m.x, theta, p) + slow.cold * a.coulomb_friction(p)
-    hold += a.transmission_loss(still, push, push, p)
-    push = push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free.torque
+    hold += a.transmission_loss(still, push, push, p) + p[a.RUBBING] * free.torque
+    push = push - a.load_torque(still, m.x, m.d, m.inner.phi, theta, p) - free_load(still, free, p)
     asymmetry = p[a.FRICTION_ASYMMETRY]
     return where_above(push, asymmetry + hold, 1.0, where_above(asymmetry - hold, push, -1.0, still))
 

@@ -29,6 +29,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "accel_cmd": (1e-6, 1e12),
     "coupling": (0.0, 1.0),
     "contact": (0.0, 1.0),
+    "rubbing": (0.0, 1.0),
     "stribeck_speed": (ABOVE_ZERO, 1e9),
     "saturation_speed": (ABOVE_ZERO, 1e9),
     "shaft_order": (ABOVE_ZERO, 1e6),

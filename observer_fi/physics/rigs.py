@@ -25,7 +25,7 @@ from observer_fi.physics.sheets.derived import GUESS, GUESSED, UNLEARNED, derive
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import toml_table
 
-_SWITCHES = ("coupling", "contact", "x_stop_high", "x_stop_low")
+_SWITCHES = ("coupling", "contact", "rubbing", "x_stop_high", "x_stop_low")
 _FORMS = (
     "stribeck_speed",
     "saturation_speed",

@@ -23,13 +23,23 @@ from observer_fi.verdict.moves.stories import (
     constant,
     follows_whole,
     in_order,
+    load_of_a_spring,
     measured,
     of_any_decade,
     posterior_of,
     special_case,
     takes_up_any_load,
 )
-from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
+from observer_fi.verdict.moves.whole_move import (
+    HOPELESS,
+    LEFT,
+    SETTLED_S,
+    STRIDE,
+    WELL,
+    Path,
+    WholeMove,
+    window_of,
+)
 from observer_fi.verdict.onset import Filters
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
@@ -50,6 +60,7 @@ STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the s
 STOPPING_S, IN_A_STOP = 0.01, 10.0
 
 
+SECONDS = 3  # labels that may be the second of two faults
 TOGETHER_S = 0.1  # between the begins of two faults that may be one
 
 
@@ -149,17 +160,21 @@ class LastWord:
             return None
         stops = [max(ends) - round(WINDOW_S / whole.interval)]
         if not named:
-            best_path = max(tried, key=lambda p: p.gain)
-            if best_path.end is not None:  # it seems over where another one takes its place
-                stops.append(best_path.end - STRIDE)
-            stops.append(best_path.first - STRIDE)  # of a lesser fault before it a great one leaves no trace
-        pairs = (self._pair(event, whole, stop) for stop in stops)
-        at_once = (
-            bool(stories) and stories[0].mode != UNKNOWN
-        )  # an obstacle that comes with a load is one fault
-        return next((pair for pair in pairs if pair is not None and not (at_once and _together(pair))), None)
+            best, *others = sorted(tried, key=lambda p: -p.gain)[:SECONDS]
+            if best.end is not None:  # it seems over where another one takes its place
+                stops.append(best.end - STRIDE)
+            # of a lesser fault before it a great one leaves no trace
+            stops += [p.first - STRIDE for p in (best, *others)]
+        at_once: list[Event] = []
+        for stop in stops:
+            pair = self._pair(event, whole, stop)
+            if pair is not None and not _together(pair):
+                return pair
+            at_once += [] if pair is None else [pair]
+        one = bool(stories) and stories[0].mode != UNKNOWN  # an obstacle that comes with a load is one fault
+        return at_once[0] if at_once and not one else None
 
-    def _pair(self, event: Event, whole: WholeMove, stop: int) -> Event | None:
+    def _pair(self, event: Event, whole: WholeMove, stop: int, again: bool = True) -> Event | None:
         """The event with the fault that explains the move as far as a sample, and another behind it; None without either."""
         shorter = until(whole, stop)
         if shorter is None:
@@ -178,7 +193,11 @@ class LastWord:
         if second is None:
             return None
         later = second[0]._replace(start_s=event.start_s)
-        return told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
+        pair = told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
+        begun = held.since + second[1].begin
+        if again and begun < stop:  # what came first is told from what was before the second one
+            return self._pair(event, whole, begun, again=False) or pair
+        return pair
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""
@@ -268,14 +287,25 @@ class LastWord:
 
         A load and a slip at will fit everything: no verdict that the bank is sure of gives way to them.
         """
+        sure = event.label not in (NOMINAL, UNKNOWN)
+        paths = paths if sure else self._seen_to_begin(paths, whole, event)
         if not paths or not self._fits(paths[0], whole, event):
             return []
-        sure = event.label not in (NOMINAL, UNKNOWN)
         if sure and paths[0].hypothesis.label == UNKNOWN:
             return []
         told = [p for p in paths if not (sure and p.hypothesis.label == UNKNOWN)]
         stories = [story for p in told if self._fits(p, whole, event) for story in self._stories(p, whole)]
         return [story for story in stories if measured(story, whole)]
+
+    def _seen_to_begin(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> Sequence[Path]:
+        """The paths without those from the start on where one that begins in motion says as much: what grows was first less.
+
+        From the start on a fault and a rig file that is off look alike.
+        """
+        seen = [p for p in paths if whole.window.t[p.begin] - event.start_s >= CLEAN_S]
+        if not seen or seen[0] is paths[0] or self._fits(paths[0], whole, event):
+            return paths
+        return seen if seen[0].gain >= HOPELESS * paths[0].gain else paths
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
@@ -297,7 +327,7 @@ class LastWord:
         these.
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
-        if _stands_under_load(path):
+        if _stands_under_load(path) or self._load_in_a_stop(path, whole):
             return
         if all(self._believable(path, own, whole) for own in held.values()) and _resists(path):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
@@ -310,6 +340,12 @@ class LastWord:
             yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
         elif lost < -BELIEVABLE * std:
             yield Story("sensor:position", path.gain, path)
+
+    @staticmethod
+    def _load_in_a_stop(path: Path, whole: WholeMove) -> bool:
+        """Whether an obstacle with a load in front of it begins as the motor stops: it follows whatever a stop does."""
+        begins = path.begin >= whole.moving - round(STOPPED_S / whole.interval)
+        return begins and path.hypothesis.label != UNKNOWN and takes_up_any_load(path)
 
     def _as_in_the_file(self, path: Path) -> float:
         """Nats by which the sizes that the rig file gives explain the move better, half of all faults having them."""
@@ -333,7 +369,7 @@ class LastWord:
     @staticmethod
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
-        value *= whole.direction(path.begin, path.end) if own.of_friction else 1.0
+        value *= whole.against(path) if own.of_friction else 1.0
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
@@ -384,7 +420,7 @@ class LastWord:
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
-            scale = whole.direction(path.begin, path.end) / friction
+            scale = whole.against(path) / friction
             std = math.hypot(std, value * doubt)
         elif own.told_as is not None:
             scale, unit = own.told_as.value(path.hypothesis.model), own.told_as.unit
@@ -407,11 +443,16 @@ class LastWord:
 
 
 def _resists(path: Path) -> bool:
-    """Whether a spring has shown its stiffness: one of none is a slip, and a load before it that the mass follows a jam."""
+    """Whether a spring has shown its stiffness: one of none is a slip, and a load before it that the mass follows a jam.
+
+    Where the mass loses travel by it, a load will do.
+    """
     own = {o.name: o for o in path.hypothesis.own}
-    if "C" not in own or own["C"].told_as is None or ("torque" in own and not follows_whole(path)):
+    if "C" not in own or own["C"].told_as is None:
         return True
     value, std = constant(path, own["C"])
+    if "torque" in own and not follows_whole(path):
+        value, std = load_of_a_spring(path)
     return value > BELIEVABLE * std
 
 

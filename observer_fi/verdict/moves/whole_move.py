@@ -38,7 +38,7 @@ class Path(NamedTuple):
     first, last: samples that hold the begin with 95 %.
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
     innovation squared of the fault's filter while it lasted. later: nats of the gain that came
-    `SETTLED_S` or more after the begin, also behind its end.
+    `SETTLED_S` or more after the begin, also behind its end. before: share of the travel that a fault before it takes.
     """
 
     hypothesis: Hypothesis
@@ -50,6 +50,7 @@ class Path(NamedTuple):
     later: float
     first: int = 0
     last: int = 0
+    before: float = 0.0
 
 
 class Begin(NamedTuple):
@@ -222,6 +223,13 @@ class WholeMove:
         risen = abs(float(x[states.index("torque")])) if self.nominal.label == "jam" else 0.0
         return usual + risen / self.nominal.model["A"]
 
+    def lost(self, k: int) -> float:
+        """Share of the travel that nominal loses before sample k: none, or that of a slip that takes its place."""
+        share = next((own for own in self.nominal.own if own.name == "E"), None)
+        if share is None:
+            return 0.0
+        return share.mean * float(self._nominal_at(k).x[self.nominal.states.index("E")])
+
     def direction(self, k: int, end: int | None = None) -> float:
         """Sign of the way commanded from sample k to `end`; where none is, in a stop and the rest after it, of the speed before.
 
@@ -232,6 +240,10 @@ class WholeMove:
             return float(np.sign(way))
         commanded = np.flatnonzero(self.window.w_cmd[: min(k + 1, self.moving)])
         return float(np.sign(self.window.w_cmd[commanded[-1]])) if commanded.size else 0.0
+
+    def against(self, path: Path) -> float:
+        """Sign of the free torque of a path that is against the motion: friction is so either way."""
+        return 1.0 if path.hypothesis.model["rubbing"] else self.direction(path.begin, path.end)
 
     def lasts(self, path: Path) -> bool:
         """Whether the fault of a path is there until the motor stops."""
@@ -378,7 +390,7 @@ class WholeMove:
         gained -= enter.far
         settled = float(gained[min(round(SETTLED_S / self.interval), gained.size - 1)])
         gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
-        held = found.first, found.last
+        held = found.first, found.last, self.lost(begin)
         stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held)
         ends = _Ends(self, h, begin, self._back(h, before), memories, gained)
         best = ends.best()
