@@ -52,6 +52,7 @@ def test_nothing_hidden_nothing_found():
     assert hide((), 0.0)["found"] == []
 
 
+@pytest.mark.slow
 def test_what_has_no_name_stays_without_one():
     row = hide(("torque_bump",), 3.0)
     assert row["found"] == []

@@ -18,12 +18,14 @@ def both() -> tuple[DiagnosisGain, DiagnosisGain]:
     return before, after
 
 
+@pytest.mark.slow
 def test_the_right_model_ends_the_false_alarms(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert before.false_alarms > 0 == after.false_alarms
     assert before.healthy == after.healthy == 4
 
 
+@pytest.mark.slow
 def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert after.right == after.faults == 8 >= before.right

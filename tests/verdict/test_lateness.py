@@ -100,9 +100,14 @@ FAILING = [
     Fault("sensor_fault", 0.0, "bias", "current", 9e-3),
     Fault("sensor_fault", 0.0, "bias", "voltage", 0.3),
 ]
+ONE, *MORE = FAILING
 
 
-@pytest.mark.parametrize("fault", FAILING, ids=lambda fault: f"{fault.kind}-{fault.channel}")
+@pytest.mark.parametrize(
+    "fault",
+    [ONE, *(pytest.param(fault, marks=pytest.mark.slow) for fault in MORE)],
+    ids=lambda fault: f"{fault.kind}-{fault.channel}",
+)
 def test_nor_does_a_sensor_that_fails_in_the_start(fault: Fault) -> None:
     for seed, after_s in IN_THE_START:
         assert AsLogged(failing(fault, seed, after_s), RIG, SETTINGS).late == NONE, seed
