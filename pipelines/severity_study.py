@@ -6,6 +6,7 @@ Seeds from 80000 on by default; a report names its own, which were not looked at
 """
 
 import argparse
+import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -58,8 +59,6 @@ def judged(job: Job) -> dict[str, Any]:
     named = verdict.label == truth["label"]
     second = _second(verdict, spec.then)
     inside, sizes = _intervals(verdict, spec) if named else (0, 0)
-    ends = spec.fault.onset_s is not None and np.isfinite(spec.fault.duration_s)
-    end = spec.fault.onset_s + spec.fault.duration_s if ends else None
     return {
         **job._asdict(), "label": truth["label"], "said": verdict.label, "channel": verdict.channel or "",
         "alike": " ".join(verdict.alike), "probability": verdict.probability, "named": named and second.named,
@@ -67,8 +66,8 @@ def judged(job: Job) -> dict[str, Any]:
         "nats": worth(spec), "inside": inside, "sizes": sizes,
         "size": spec.fault.size, "stiffness": spec.rig.C, "share": spec.rig.E,
         "begin_ms": None if verdict.onset_s is None or not named else 1e3 * since_begin(verdict.onset_s, spec),
-        "lasts": None if end is None else spec.fault.duration_s,
-        "end_ms": None if end is None or verdict.over_s is None or not named else 1e3 * (verdict.over_s - end),
+        "lasts": spec.fault.duration_s if np.isfinite(spec.fault.duration_s) else None,
+        "end_ms": 1e3 * since_end(verdict.over_s, spec) if named else None,
     }  # fmt: skip
 
 
@@ -102,6 +101,16 @@ def since_begin(told_s: float, spec: hidden.TruthSpec) -> float:
     rests = [(end, start) for end, start in _rests(spec) if end <= onset < start]
     first, last = rests[0] if rests else (onset, onset)
     return told_s - float(np.clip(told_s, first, last))
+
+
+def since_end(told_s: float | None, spec: hidden.TruthSpec) -> float:
+    """How much later than the fault a told end is [s]: none where it is told to last and ends behind the stop; not a number where
+    it is told to last and does not, or ends and is told to do so by nobody.
+    """
+    end = float(spec.fault.onset_s or 0.0) + spec.fault.duration_s
+    if told_s is None:
+        return 0.0 if end >= spec.profile.moves[-1].brake_s else math.nan
+    return told_s - end if np.isfinite(end) else math.nan
 
 
 def _rests(spec: hidden.TruthSpec) -> list[tuple[float, float]]:
@@ -193,7 +202,7 @@ def table(frame: pd.DataFrame, by: str) -> pd.DataFrame:
         rows[name or "trapezoid"] = {
             "moves": len(g), "clear": len(clear), "clear and right": _percent(clear["right"]),
             "by name alone": _percent(clear["named"]), "clear, unknown": int((clear["said"] == "unknown").sum()),
-            "clear, nominal": int((clear["said"] == "nominal").sum()),
+            "clear, nominal": int(((clear["said"] == "nominal") & ~clear["right"]).sum()),
             "confident and wrong": int((wrong["probability"] > CONFIDENT).sum()),
             "begin within 20 ms": _percent(within[clear["named"]]),
             "sizes in 95 % interval": f"{int(g['inside'].sum())} of {int(g['sizes'].sum())}",
@@ -251,10 +260,25 @@ def summary(frame: pd.DataFrame, first: int) -> str:
         "Right: the label, or one that the verdict declares alike. Sizes: those that the verdict tells of a fault that it named.",
         "", "## By kind", "", markdown(table(faults, "kind")), "",
         f"For a while, begin and end both within 20 ms: {_percent(both[lasted['named']])} of {int(lasted['named'].sum())} named.",
+        "It is told to last where it ends behind the stop of the motor." if len(lasted) else "", "", *_in_all(faults, lost),
         "", "## By size", "", markdown(by_size(faults)), "",
         "## Healthy moves by shape of the command", "", markdown(healthy(frame)), "",
         "## Lost couplings by shape of the command", "", markdown(table(lost, "shape")) if len(lost) else "", "",
     ))  # fmt: skip
+
+
+def _in_all(faults: pd.DataFrame, lost: pd.DataFrame) -> tuple[str, str]:
+    """All kinds together: what must not be, and how many intervals hold the truth."""
+    every = pd.concat((faults, lost))
+    wrong = ~every["right"] & (every["probability"] > CONFIDENT)
+    fault = wrong & ~every["said"].isin(["nominal", "unknown"])
+    missed = ~every["right"] & (every["said"] == "nominal") & (every["nats"] >= CLEAR_NATS)
+    inside, sizes = int(faults["inside"].sum()), int(faults["sizes"].sum())
+    return (
+        f"In all {len(every)} moves with a fault, {int((every['nats'] >= CLEAR_NATS).sum())} of them clear: confident and wrong "
+        f"{int(fault.sum())}, clear ones called nominal {int(missed.sum())}.",
+        f"Sizes in their 95 % interval: {inside} of {sizes} ({100.0 * inside / max(sizes, 1):.1f} %).",
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

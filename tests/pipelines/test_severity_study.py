@@ -4,11 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import hidden
+import numpy as np
 import pandas as pd
 import pytest
 
 from pipelines import severity_study
-from pipelines.severity_study import Job, drawn, since_begin, worth
+from pipelines.severity_study import Job, drawn, since_begin, since_end, worth
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -35,6 +36,15 @@ def test_what_begins_at_rest_may_be_told_until_the_next_motion() -> None:
     assert since_begin(back.start_s, spec) == 0.0 == since_begin(forth.brake_s + 0.1, spec)
     assert since_begin(back.start_s + 0.05, spec) == pytest.approx(0.05)
     assert since_begin(forth.brake_s - 0.2, spec) == pytest.approx(-0.2)
+
+
+def test_what_ends_behind_the_stop_is_told_to_last() -> None:
+    spec = drawn(Job("coupling_for_a_while", 3))
+    stop = spec.profile.moves[-1].brake_s
+    within = replace(spec, fault=replace(spec.fault, duration_s=stop - spec.fault.onset_s - 0.1))
+    behind = replace(spec, fault=replace(spec.fault, duration_s=stop - spec.fault.onset_s + 0.1))
+    assert since_end(stop - 0.09, within) == pytest.approx(0.01) and np.isnan(since_end(None, within))
+    assert since_end(None, behind) == 0.0 and since_end(stop - 0.1, behind) == pytest.approx(-0.2)
 
 
 def test_friction_that_rose_at_rest_is_worth_what_no_healthy_rig_has() -> None:
