@@ -189,7 +189,8 @@ class LastWord:
             return None
         about = held.until - held.since
         healthy = event._replace(label=NOMINAL, start_s=float(rest.window.t[0]))
-        second = self._one(healthy, rest, about - round(BEFORE_S[0] / whole.interval), about + LEFT)
+        before, window = (round(time / whole.interval) for time in (BEFORE_S[0], WINDOW_S))
+        second = self._one(healthy, rest, about - before, about + window + LEFT)
         if second is None:
             return None
         later = second[0]._replace(start_s=event.start_s)

@@ -128,7 +128,9 @@ def _spring_or_jam(best: Mapping[str, Story], top: float) -> bool:
         return False
     spring, jam = best["overload"], best["jam"]
     near = abs(worth(spring) - worth(jam)) < AT_WILL * top
-    as_well = not takes_up_any_load(spring.path) and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
+    # A spring with a load in front of it follows a jam, however it grows: where it is the better one that says nothing.
+    says = not takes_up_any_load(spring.path) or worth(spring) > worth(jam)
+    as_well = says and _misfit(spring.path) < AS_WELL * _misfit(jam.path)
     return follows_whole(spring.path) and (near or as_well)
 
 
