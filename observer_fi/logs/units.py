@@ -96,7 +96,7 @@ def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], m
         found.append("voltage_v")
     if _mean(_steps(log, full)) < -OPPOSITE * step:
         found.append("position_m")
-    while_starting = _quarter_of_a_ring(model)
+    while_starting = quarter_of_a_ring(model)
     pushes = [i for move in moves for i in (_first_push(log, move, most, while_starting),) if np.isfinite(i)]
     if pushes and max(pushes) < -OPPOSITE:
         found.append("current_a")
@@ -108,7 +108,7 @@ def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], m
         )
 
 
-def _quarter_of_a_ring(model: Model) -> float:
+def quarter_of_a_ring(model: Model) -> float:
     """In which a servo speeds up and does not brake yet [s]; 0 where nobody knows the servo."""
     stiffness = model["Km"] * model["Ki"]
     return 0.5 * np.pi * float(np.sqrt(model["J"] / stiffness)) if stiffness > 0.0 else 0.0

@@ -24,6 +24,10 @@ Mask = NDArray[np.bool_]
 SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
 SETTLING = 8  # samples after a change of winner
 TINY = 1e-300  # a probability that is none
+LEAST = 40  # samples of a mean: of a right hypothesis that of fewer is often beyond the limits
+STARTING = (
+    4  # samples of a move: when between two of them it began, and so what is there at first, nobody knows
+)
 AT_START_S = 0.02  # of a move: a fault may have been there before it
 
 
@@ -93,6 +97,7 @@ class EventTracker:
         self.settings = settings
         self.drift = drift
         self.start_s = self.end_s = start_s
+        self.step = 0.0
         self.certain: dict[int, Run] = {}
         self.latched: dict[int, Run] = {}
         self.doubted = np.nan
@@ -115,31 +120,31 @@ class EventTracker:
         self.dof = 3.0  # channels
         self.channels = Measured() if channels is None else channels
 
-    def add(self, e: Estimate, window: int) -> None:
-        """Take the next samples of this move, its stop and the rest after it. window: samples in `window_s`."""
+    def add(self, e: Estimate, step: float) -> None:
+        """Take the next samples of this move, its stop and the rest after it. step: from one to the next [s], 0 not known yet."""
         if not e.t.size:
             return
-        self.end_s = float(e.t[-1])
+        self.end_s, self.step = float(e.t[-1]), step
         self.channels.add(e)
         if e.active.all():
-            self._add_motion(e, window)
+            self._add_motion(e, step)
             return
         if e.active.any():
-            self._add_motion(rows_of(e, e.active), window)
-        self._add_stop(rows_of(e, ~e.active), window)
+            self._add_motion(rows_of(e, e.active), step)
+        self._add_stop(rows_of(e, ~e.active), step)
         self._add_rest(e.nis[~e.active])
 
-    def _add_motion(self, e: Estimate, window: int) -> None:
+    def _add_motion(self, e: Estimate, step: float) -> None:
         p = e.probability
         self.strained |= set(
             np.flatnonzero((e.strain > self.settings.strain_limit).any(axis=0)).tolist()
             if e.strain.size
             else ()
         )
-        self._misfit(e, p, window)
-        if self.drift is not None and window:
+        self._misfit(e, p, max(LEAST, round(self.settings.window_s / step)) if step else 0)
+        if self.drift is not None and step:
             ours = np.where((p.argmax(axis=1) == 0)[:, None], e.normalised, 0.0)
-            self.drift.add(e.t, ours, self.settings.window_s / window)
+            self.drift.add(e.t, ours, step)
         nominal = p[:, 0] >= 0.5
         certain = p > self.settings.isolated
         for j in {*self.certain, *np.flatnonzero(certain.any(axis=0)).tolist()}:
@@ -187,6 +192,8 @@ class EventTracker:
         if run is not None:
             self.closed[j] = run
         if run is None or j in self.latched or now - run.since < self.settings.latch_s:
+            return
+        if run.since - self.start_s < STARTING * self.step:
             return
         heals = FAULTS[label_of(self.modes[j])].heals  # nominal is entered from it, and so fits all the time
         if heals or self.not_nominal >= run.since:
@@ -239,17 +246,17 @@ class EventTracker:
                 self.not_nominal = float(e.t[over[-1] + window - 1 - self.nominal_ratios.size])
         self.nominal_ratios = joined[-(window - 1) :]
 
-    def _add_stop(self, e: Estimate, window: int) -> None:
+    def _add_stop(self, e: Estimate, step: float) -> None:
         """Doubt a move where its stop makes a fault likely that its motion did not: it began as the motor was being stopped.
 
         What a stop says condemns no move; the whole move is asked about it.
         """
-        p, usual = self._at_the_end(), self.settings.window_s / max(window, 1)
-        left = round(STOP_S / usual) - self.rest_samples if window else 0
+        p = self._at_the_end()
+        left = round(STOP_S / step) - self.rest_samples if step else 0
         if self.drift is None or p is None or left <= 0:
             return
         ours = np.where((e.probability[:left].argmax(axis=1) == 0)[:, None], e.normalised[:left], 0.0)
-        self.drift.add(e.t[:left], ours, usual)
+        self.drift.add(e.t[:left], ours, step)
         if not e.density.size or self.stop_doubt is not None:
             return
         gains = np.nan_to_num(e.density[:left] - e.density[:left, :1]).cumsum(axis=0) + self.stop_nats
@@ -406,12 +413,12 @@ class Isolator:
         self.events: list[Event] = []
         self.fit = Whiteness() if consistent else None
         self.was_active = self.stopped = False
-        self.window = 0
+        self.step = 0.0
 
     def add(self, e: Estimate) -> Iterator[EventTracker]:
         """Take the next samples; yields the tracker of the current move after each piece of a move."""
-        if not self.window and e.t.size > 1:
-            self.window = max(2, round(self.settings.window_s / usual_step(e.t)))
+        if not self.step and e.t.size > 1:
+            self.step = usual_step(e.t)
         e = tested(e, self.settings)
         if self.fit is not None:
             self.fit.add(e)
@@ -423,7 +430,7 @@ class Isolator:
                 drift = None if self.fit is None else Drift()
                 self.current = EventTracker(self.modes, float(e.t[a]), self.settings, self.channels, drift)
             if self.current is not None and b > a:
-                self.current.add(rows_of(e, slice(a, b)), self.window)
+                self.current.add(rows_of(e, slice(a, b)), self.step)
                 yield self.current
 
     def _new_moves(self, e: Estimate) -> list[int]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move, other_laws
+from observer_fi.logs.units import quarter_of_a_ring
 from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
@@ -60,6 +61,7 @@ STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the s
 STOPPING_S, IN_A_STOP = 0.01, 10.0
 
 
+SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
 SECONDS = 3  # labels that may be the second of two faults
 TOGETHER_S = 0.1  # between the begins of two faults that may be one
 
@@ -70,6 +72,7 @@ class LastWord:
     def __init__(self, rig: Rig, filters: Filters, settings: DecisionSettings) -> None:
         self.rig, self.filters, self.settings = rig, filters, settings
         self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
+        self.stop_step_s = SHOWS_A_STOP * quarter_of_a_ring(rig.model)
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
@@ -277,6 +280,8 @@ class LastWord:
     def _move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
         """The move from a rest before it to its last sample under way, or so long into the rest after it."""
         found = window_of(event, bank, rest_s)
+        if found is not None and rest_s and float(np.median(np.diff(found[0].t))) > self.stop_step_s:
+            found = window_of(event, bank)
         if found is None:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)

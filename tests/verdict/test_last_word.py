@@ -371,6 +371,19 @@ def test_friction_that_grows_from_soon_after_the_start_is_no_all_clear() -> None
     assert "jam" in (v.label, *v.alike)
 
 
+@pytest.mark.parametrize(
+    ("seed", "nth", "first"),
+    [(142029, 12, 0), (140000, 16, 0), (140013, 16, 14), (140009, 16, 4), (141022, 16, 1)],
+)
+def test_few_samples_a_second_make_no_fault(seed: int, nth: int, first: int) -> None:
+    """At 133 and 100 Hz: a start between two samples, a mean over ten of them, a stop in four; each was a fault for sure."""
+    frame, _ = hidden.make_log(hidden.draw_severity_case(seed, "nominal"), seed)
+    found = diagnose_log(
+        log_from_frame(frame.iloc[first::nth].reset_index(drop=True)), RIG, Settings()
+    ).isolation
+    assert found is not None and found.verdict.label == "nominal"
+
+
 def of(spec: hidden.TruthSpec, seed: int) -> Event:
     """The verdict on a drawn move."""
     found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation

@@ -96,7 +96,7 @@ class WithRoom:
         e = tested(estimate, self.settings.decision)
         tracker = EventTracker(e.modes, event.start_s, self.settings.decision, drift=Drift())
         step = float(np.median(np.diff(e.t)))
-        tracker.add(rows_of(e, e.t >= event.start_s), max(2, round(self.settings.decision.window_s / step)))
+        tracker.add(rows_of(e, e.t >= event.start_s), step)
         told = tracker.verdict()._replace(end_s=event.end_s)
         doubts = (told.doubted_s, event.doubted_s, event.detected_s, event.onset_s)
         told = told._replace(doubted_s=min((s for s in doubts if s is not None), default=None))
