@@ -40,7 +40,7 @@ from observer_fi.logs.moves import (
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
 from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
-from observer_fi.logs.units import suspect_units
+from observer_fi.logs.units import quarter_of_a_ring, suspect_units
 
 if TYPE_CHECKING:
     from observer_fi.logs.inspection.contents import Column, digest_of
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SET_UP_DEG",
+    "quarter_of_a_ring",
     "acquisition_of",
     "channel_traits",
     "clock_of",

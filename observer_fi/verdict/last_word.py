@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move, other_laws
-from observer_fi.logs.units import quarter_of_a_ring
+from observer_fi.logs import quarter_of_a_ring
 from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
