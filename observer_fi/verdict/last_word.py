@@ -161,7 +161,7 @@ class LastWord:
         ends = [found.until for p in tried if (found := lasted(p, whole)) is not None]
         if not ends:
             return None
-        stops = [max(ends) - round(WINDOW_S / whole.interval)]
+        stops = [end - round(WINDOW_S / whole.interval) for end in sorted({*ends}, reverse=True)[:SECONDS]]
         if not named:
             best, *others = sorted(tried, key=lambda p: -p.gain)[:SECONDS]
             if best.end is not None:  # it seems over where another one takes its place
