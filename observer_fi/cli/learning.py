@@ -98,6 +98,7 @@ def run_improve(args: argparse.Namespace) -> int:
     from observer_fi.improve import MOST_ROWS, diagnosis_gain, improve
     from observer_fi.learn import too_many_moves
     from observer_fi.physics import load_rig
+    from observer_fi.plan import with_moves
     from observer_fi.report import (
         folder_name,
         improve_files,
@@ -111,6 +112,9 @@ def run_improve(args: argparse.Namespace) -> int:
     note = _told(too_many_moves(logs, rig, MOST_ROWS))
     with Stages(args, IMPROVE_SHARES) as tell:
         record = improve(logs, rig, progress=tell, keep_unexplained=args.keep_unexplained)
+        if any(f.indistinguishable_from for f in record.findings):
+            tell("which move tells rivals apart")
+            record = with_moves(record, logs)
         tell("what diagnose gains on simulated faults")
         gain = diagnosis_gain(record.rig, record.extended_rig)
     files = improve_files(record, gain, name, list(args.logs), note)

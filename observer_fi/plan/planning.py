@@ -40,7 +40,7 @@ from observer_fi.records import Array
 DECISIVE = math.log(100.0)  # nats: posterior odds of 100 between rivals that were even before
 _SEEDS = (1, 2)
 _MORE_PITCHES = (10.0, -10.0)  # deg: tried where the levels at hand do not decide
-_SURE = 20.0  # nats expected: noise then seldom leaves less than `DECISIVE`
+SURE = 20.0  # nats expected: noise then seldom leaves less than `DECISIVE`
 _SOMETHING = 0.2  # nats: less is no ground for an estimate of the time
 _KNOWN = 0.05  # relative standard error of a constant that counts as known
 _NEARLY = 0.7  # of the log-odds: what a simpler profile must reach to be worth its name
@@ -91,6 +91,19 @@ def plan_causes(asked: Sequence[Asked], rig: Rig, limits: Limits, tell: Tell = l
         return _hopeless(asked, rig, limits, _alias_words(*same))
     tell("sizes of the rivals")
     return _plan(rivals_of(asked, rig, limits), rig, limits, tell)
+
+
+def expected_profile(
+    asked: Sequence[Asked], rig: Rig, limits: Limits, tell: Tell = lambda text: None
+) -> Profile:
+    """The moves that are expected to tell causes apart best; no log is simulated with noise. Raises UsageError."""
+    tell("sizes of the rivals")
+    rivals = rivals_of(checked(asked), rig, limits)
+    tell("what each kind of move says")
+    evidence = _evidence(rivals, rig, limits)
+    tell("the best profile")
+    counts = best_counts(evidence.value, evidence.seconds, limits.seconds - LEAD_S)
+    return Profile(in_order(chosen(counts, evidence.blocks), limits), evidence.value(counts))
 
 
 def plan_faults(text: str, rig: Rig, limits: Limits, tell: Tell = lambda text: None) -> Plan:
@@ -222,6 +235,6 @@ def _stands_in_the_way(
             levels = ", ".join(f"{p:g}" for p in wider.pitches)
             return f"{words}; the pitch binds: with levels of {levels} deg they would leave {digits(more)}"
     if planned.log_odds > _SOMETHING:
-        enough = limits.seconds * max(_SURE / planned.log_odds, 1.5)
+        enough = limits.seconds * max(SURE / planned.log_odds, 1.5)
         return f"{words}; the time binds: about {enough:.0f} s of such moves would do"
     return f"{words}; within these limits the rivals move the readings alike"

@@ -16,9 +16,10 @@ from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.logger.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import LowPasses, Unfiltered, low_passes_of
 from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
+from observer_fi.verdict.moves.ripple_phase import phases_of
 from observer_fi.verdict.testable import for_readings
 
 OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
@@ -53,19 +54,29 @@ class AsLogged:
         self.offset = electrical_offset(self.acquisition, rig)
         known = replace(rig, logger=self.acquisition)
         averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
-        self.late = lateness_of(self._even(self.readings.take(log)), known, self.settings, averaged)
-        self.late, self.day, start = self._of_the_day(log, known, averaged)
+        begun = self._even(self.readings.take(log))
+        # a filter begins at whole turns of what the position shows: in the first start by itself at others than in the log
+        turned = phases_of(first_start(begun), known, self.settings).of(known)
+        self.late = lateness_of(begun, turned, self.settings, averaged)
+        self.late, self.day, start = self._of_the_day(log, turned, averaged)
         self.offset = self.day.offset
         known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
+        self._begin(log, rig)
+        self.phases = phases_of(self._behind_filters(log), known, self.settings)
         as_filed = (
             self.day.usual and (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
         )
         whole = "voltage_v" in rig.watched.columns or bool(np.isfinite(log.z[:, 0]).any())
-        self.rig = rig if as_filed and whole and not known.step.any() and not any(self.late) else known
+        filed = as_filed and whole and not known.step.any() and not any(self.late)
+        self.rig = self.phases.of(rig if filed else known)
+        self._begin(log, rig)
+        return start
+
+    def _begin(self, log: Log, rig: Rig) -> None:
+        """Before the first chunk."""
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         self.set_back = SetBack(self.late)
         self.unfiltered = Unfiltered(self.low_passes, self.interval)
-        return start
 
     @property
     def plain(self) -> bool:
@@ -74,7 +85,11 @@ class AsLogged:
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
-        return self.set_back.take(self._even(self.readings.take(self.unfiltered.take(log))))
+        return self._behind_filters(self.unfiltered.take(log))
+
+    def _behind_filters(self, log: Log) -> Log:
+        """The next chunk, without the filters before its readings."""
+        return self.set_back.take(self._even(self.readings.take(log)))
 
     def take_rows(self, rows: Array) -> Array:
         """Samples (n, 6) of a stream: time, three readings, pitch, command."""
@@ -87,10 +102,12 @@ class AsLogged:
     def same_as(self, other: "AsLogged | None", settings: BankSettings) -> bool:
         """Whether another, or the rig file alone where there is none, says the same to filters."""
         if other is None:
-            return self.plain and self.day.usual and self.rig.logger is None and self.settings == settings
+            usual = self.day.usual and not any(self.phases)
+            return self.plain and usual and self.rig.logger is None and self.settings == settings
         same_noise = np.allclose(self.rig.noise_std, other.rig.noise_std, rtol=SAME_NOISE)
         same = (
             self.day == other.day
+            and self.phases == other.phases
             and self.late == other.late
             and self.low_passes == other.low_passes
             and self.settings == other.settings
