@@ -333,7 +333,7 @@ class LastWord:
     @staticmethod
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
-        value *= whole.direction(path.begin, path.end) if own.of_friction else 1.0
+        value *= whole.resisted(path, value) if own.of_friction else 1.0
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
@@ -384,7 +384,7 @@ class LastWord:
         scale, unit = 1.0, "1"
         if own.of_friction:
             friction, doubt = self._friction(path)
-            scale = whole.direction(path.begin, path.end) / friction
+            scale = whole.resisted(path, value) / friction
             std = math.hypot(std, value * doubt)
         elif own.told_as is not None:
             scale, unit = own.told_as.value(path.hypothesis.model), own.told_as.unit

@@ -233,6 +233,15 @@ class WholeMove:
         commanded = np.flatnonzero(self.window.w_cmd[: min(k + 1, self.moving)])
         return float(np.sign(self.window.w_cmd[commanded[-1]])) if commanded.size else 0.0
 
+    def resisted(self, path: Path, torque: float) -> float:
+        """Sign of the way that a torque at the end of a path resists: that of the path, or that of its last samples.
+
+        A motor that swings back from its stop ends the other way, and what follows its friction with it.
+        """
+        last = self.n if path.end is None else path.end
+        way, late = self.direction(path.begin, path.end), self.direction(max(last - LEFT, path.begin), last)
+        return late if late * torque > 0.0 > way * torque else way
+
     def lasts(self, path: Path) -> bool:
         """Whether the fault of a path is there until the motor stops."""
         return path.end is None or path.end >= self.moving
@@ -299,13 +308,17 @@ class WholeMove:
     def _constants(
         self, h: Hypothesis, begin: int, look: int, near: HypothesisState | None
     ) -> HypothesisState | None:
-        """What the fault's filter remembers `look` samples after a begin, within what is believable of its constants."""
+        """What the fault's filter remembers `look` samples after a begin, within what is believable of its constants.
+
+        None where a constant that no filter finds from afar ran beyond that: it is lost, and its prior is nearer.
+        """
         if not h.own:
             return None
         alone = self.filters.of(h, 1, ROOM)
         alone.begin(self._entry(h, near)(self._nominal_at(begin)))
         alone.density(self.window, begin, min(begin + look, self.n))
-        return self._believable(h, alone.memory())
+        found = alone.memory()
+        return None if _is_lost(h, found) else self._believable(h, found)
 
     @staticmethod
     def _believable(h: Hypothesis, memory: HypothesisState) -> HypothesisState:
@@ -466,6 +479,12 @@ def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None
     low, high = np.searchsorted(share / share[-1], (0.025, 0.975))
     last = int(samples[min(high, samples.size - 1)])
     return Begin(h, int(samples[nats.argmax()]), int(samples[low]), last, near)
+
+
+def _is_lost(h: Hypothesis, memory: HypothesisState) -> bool:
+    """Whether a filter has left what is believable of a constant that it cannot find from afar."""
+    far = [own for own in h.own if own.means]
+    return any(not own.low <= float(memory.x[h.states.index(own.name)]) <= own.high for own in far)
 
 
 def _constants_of(h: Hypothesis) -> bool:
