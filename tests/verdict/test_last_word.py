@@ -361,3 +361,15 @@ def test_a_torque_at_the_end_of_a_motor_that_swings_back_resists_that(torque: fl
     forwards: Any = SimpleNamespace(n=200, direction=lambda first, last: 1.0 if first < 100 else -1.0)
     path: Any = SimpleNamespace(begin=20, end=None)
     assert WholeMove.resisted(forwards, path, -torque) == way
+
+
+@pytest.mark.parametrize(
+    ("gain", "nis", "failed", "usual"),
+    [(190.0, 2.0, 1, True), (190.0, 4.0, 1, False), (2e3, 2.0, 1, False), (190.0, 2.0, -1, False)],
+)
+def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
+    gain: float, nis: float, failed: int, usual: bool
+) -> None:
+    whole: Any = SimpleNamespace(n=6000, nis=np.full(6000, nis), nominal=None, expected=lambda h: 3.0)
+    path: Any = SimpleNamespace(begin=500, end=5500, gain=gain, hypothesis=SimpleNamespace(failed=failed))
+    assert WholeMove.reads_as_usual(whole, path) is usual

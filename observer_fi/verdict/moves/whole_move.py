@@ -28,6 +28,8 @@ LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
 BY_CHANCE = 3.0  # standard deviations by which a fault of the right law may fit worse than nominal before it
+# A sample, that a sensor which failed without any misfit gains where its noise is less than it should be: 0.03 in a healthy move.
+LITTLE_NATS = 0.1
 KEPT = 5  # hypotheses of each look that are followed to the end
 ROUNDS, ROUND_NATS = 4, 1.0  # of an iterated filter, and what a round must gain for another one
 
@@ -241,6 +243,17 @@ class WholeMove:
         last = self.n if path.end is None else path.end
         way, late = self.direction(path.begin, path.end), self.direction(max(last - LEFT, path.begin), last)
         return late if late * torque > 0.0 > way * torque else way
+
+    def reads_as_usual(self, path: Path) -> bool:
+        """Whether nominal explains what a failed sensor read no worse than it should, and believing it costs next to nothing.
+
+        A logger finer than the rig file says reads more alike than nominal expects: over thousands of samples that adds up, and
+        is no failure.
+        """
+        last = self.n if path.end is None else path.end
+        nis = float(self.nis[path.begin : last].mean())
+        little = path.gain < LITTLE_NATS * max(last - path.begin, 1)
+        return path.hypothesis.failed >= 0 and little and nis <= self.expected(self.nominal)
 
     def lasts(self, path: Path) -> bool:
         """Whether the fault of a path is there until the motor stops."""
