@@ -38,7 +38,7 @@ _ABSOLUTE = {STAMPS: 1.0} | {f"epoch {unit}": factor for unit, factor in _TIMES.
 COLUMNS: dict[str, Kind] = {
     "time_s": Kind("s", {**_TIMES, "min": 60.0, **_ABSOLUTE}, 1e11),
     "voltage_v": Kind("V", {"V": 1.0, "mV": 1e-3}, 1e3),
-    "current_a": Kind("A", {"A": 1.0, "mA": 1e-3, "uA": 1e-6}, 1e3),
+    "current_a": Kind("A", {"A": 1.0, "mA": 1e-3, "uA": 1e-6}, 1e4),
     "position_m": Kind("m", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}, 1e2),
     "pitch_deg": Kind("deg", {"deg": 1.0, "rad": 180.0 / math.pi}, 180.0),
     "speed_cmd_rad_s": Kind("rad/s", _SPEEDS, 1e5),

@@ -36,6 +36,7 @@ DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: wha
 SHORT = 5  # samples: a current that is less for a shorter time is noise
 # Of the speed that a mass lost: where the current can have taken less than this of it, the motor did not stop with the mass.
 EXPLAINED = 0.4
+SLOWS = 0.9  # of the speed before: a motor below that is being stopped
 # Times the current of the motion, more than friction takes, and by when after the stand it is that much.
 STALLED, SOON_S = 1.5, 0.1
 AFTER_S = 0.2  # of the stand of a mass that the motor has left: what the current is then
@@ -165,7 +166,7 @@ def _begun(log: Log, stood: int, a: int) -> int:
 
 def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
     """Whether the mass, which stands in rows a to b, stopped without its motor: what the current and friction took of its speed
-    (equation 1) is far less than it lost.
+    (equation 1) is far less than it lost, or would have let it go much farther than it did.
     """
     reach = round(LONGEST_S * log.rate_hz)
     first, last = max(a - reach, 0), min(a + reach, b)
@@ -177,7 +178,29 @@ def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
     if t.size < FEWEST_IN_BLOCK or not np.isfinite(pull).all():
         return False
     taken = -float(np.trapezoid(pull, t)) / model["J"]
-    return taken < EXPLAINED * abs(w[first])
+    return taken < EXPLAINED * abs(w[first]) or _stops_short(log, w, a, b, model)
+
+
+def _stops_short(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
+    """Whether a mass that stands in rows a to b went a much shorter way than a motor that its current slows (equation 1).
+
+    The way counts from where the motor slows. How hard the mass went before that says the friction, whatever the rig file does.
+    """
+    reach = round(LONGEST_S * log.rate_hz)
+    begin, middle, last = max(a - 2 * reach, 0), max(a - reach, 0), min(a + reach, b)
+    way = np.sign(w[middle])
+    t, pull = log.t[begin:last], model["Km"] * way * filled(log.z[:, 1])[begin:last]
+    x, n = way * filled(log.z[:, 2])[begin:last], middle - begin
+    if n < FEWEST_IN_BLOCK or not (np.isfinite(pull).all() and np.isfinite(x).all()):
+        return False
+    faster = float(np.polyfit(t[:n], way * w[begin:middle], 1)[0])
+    friction = float(pull[:n].mean()) - model["J"] * faster
+    taken = np.cumsum(pull[n:] - friction) * float(np.median(np.diff(t))) / model["J"]
+    motor = np.maximum(abs(w[middle]) + np.minimum.accumulate(taken), 0.0)
+    slows = min(int(np.argmax(motor < SLOWS * motor[0])) or a - middle, a - middle)
+    expected = model["D"] * float(np.trapezoid(motor[slows:], t[n + slows :]))
+    noise = float(np.std(np.diff(x[a - begin :]))) if last - a > FEWEST_IN_BLOCK else np.inf
+    return x[-1] - x[n + slows] < EXPLAINED * expected - SIGMAS * noise
 
 
 def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float, left: bool) -> int:

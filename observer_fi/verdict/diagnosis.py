@@ -323,7 +323,7 @@ class Diagnosis:
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         events = tuple(handed_on(finished))
         verdict = log_verdict(list(events))
-        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or ())
+        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.nats)
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)

@@ -320,7 +320,7 @@ class LastWord:
         """
         if not self._counts(path, whole, event):
             return False
-        if path.nis > FITS * whole.expected(path.hypothesis):
+        if path.nis > FITS * whole.expected(path.hypothesis) or whole.reads_as_usual(path):
             return False
         return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
 

@@ -1,6 +1,6 @@
 """Whether a rig file describes the machine at all: a log of another actuator, or in another unit, is no faulty one."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from observer_fi.numerics import digits
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
@@ -30,24 +30,28 @@ def _from_the_start(verdict: Event) -> bool:
     return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
 
 
-def _explained(verdict: Event) -> bool:
-    """Whether the whole move is explained by a fault whose size it tells, and by none in the motion before it."""
-    onset = verdict.onset_s
-    return bool(verdict.severity) and onset is not None and onset - verdict.start_s >= CLEAN_S
+def _explained(verdict: Event, told: Container[float]) -> bool:
+    """Whether the whole move is explained by a fault with a name, and by none in the motion before it."""
+    onset, whole = verdict.onset_s, bool(verdict.severity) or verdict.start_s in told
+    return whole and verdict.label != UNKNOWN and onset is not None and onset - verdict.start_s >= CLEAN_S
 
 
 def wrong_rig(
-    verdict: Event, events: Sequence[Event], consistency: Consistency, suspects: Sequence[str]
+    verdict: Event,
+    events: Sequence[Event],
+    consistency: Consistency,
+    suspects: Sequence[str],
+    told: Container[float] = (),
 ) -> str:
     """Why a fault that was found is none, "" where it may be one. suspects: what is odd about the size of channels.
 
-    A rig that one move fits, the first of `events`, is this machine's, and one whose move a fault of some size explains that
-    begins in motion which nominal does. The free hypothesis follows any torque and any voltage, so
-    that even a fault without a name leaves it small innovations.
+    told: starts of the moves whose every sample a story explains. A rig that one move fits, the first of `events`, is this
+    machine's, and one whose move a fault with a name explains that begins in motion which nominal does. The free hypothesis
+    follows any torque and any voltage, so that even a fault without a name leaves it small innovations.
     """
     if verdict.label in (NOMINAL, NOT_TESTED) or (events and events[0].label == NOMINAL):
         return ""
-    if not suspects and _explained(verdict):
+    if not suspects and _explained(verdict, told):
         return ""
     if suspects:
         return f"{SAID}, or a column has another unit or sign than its map says: {suspects[0]}"

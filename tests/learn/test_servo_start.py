@@ -27,6 +27,15 @@ def test_the_loop_of_a_position_servo_is_found_with_its_gains(seed: int) -> None
         assert found[name] == pytest.approx(getattr(actuator.rig, name), rel=0.05), name
 
 
+@pytest.mark.parametrize("seed", [70006])
+def test_the_gains_of_a_stiff_speed_servo_are_found_with_a_motor_constant_that_is_off(seed: int) -> None:
+    """A thousandth of Km outgrows the integral of the error within a move: Ki came out as nothing."""
+    actuator, rig, log = learnt_from(seed, "pi_servo")
+    found = with_start([log], rig).model
+    for name in ("Kp", "Ki"):
+        assert found[name] == pytest.approx(getattr(actuator.rig, name), rel=0.2), name
+
+
 def test_a_command_counts_from_the_first_move_of_its_goal() -> None:
     _, rig, log = learnt_from(61013, "position_servo")
     whole = with_crawl(log, rig)

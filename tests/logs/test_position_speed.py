@@ -74,6 +74,21 @@ def position_only(t: np.ndarray, i: np.ndarray, x: np.ndarray, voltage: np.ndarr
     return log_from_frame(pd.DataFrame(columns if voltage is None else {**columns, "voltage_v": voltage}))
 
 
+def test_a_mass_that_stops_at_once_is_no_stop_where_friction_stops_the_motor_soon() -> None:
+    """What is left of the current lets the motor coast for 58 ms, which could have stopped the mass; but that went no farther."""
+    t, w, left = np.arange(2000) / 1000.0, 40.0, 0.3
+    friction = MODEL["A"] / MODEL["Km"]
+    coast = w * MODEL["J"] / (1.0 - left) / MODEL["A"]
+    i = np.select([t < 0.2, t < 1.0, t < 1.8], [0.0, friction, left * friction], 0.0)
+    i += 1e-3 * friction * np.sin(1e3 * t)
+    x = MODEL["D"] * w * np.clip(t - 0.2, 0.0, 0.8)
+    lost = recover_command(position_only(t, i, x), MODEL).w_cmd
+    assert (lost[(t > 1.05) & (t < 1.7)] != 0.0).all() and (lost[t > 1.85] == 0.0).all()
+    since = np.clip(t - 1.0, 0.0, coast)
+    followed = x + MODEL["D"] * w * (since - 0.5 * since**2 / coast)
+    assert (recover_command(position_only(t, i, followed), MODEL).w_cmd[t > 1.2] == 0.0).all()
+
+
 def test_a_slow_move_in_coarse_readings_is_seen() -> None:
     """Half a millimetre a second in steps of a tenth: no tenth of a second shows it."""
     t = np.arange(0.0, 6.0, 1e-3)

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import hidden
 import numpy as np
@@ -15,7 +17,7 @@ from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.moves.stories import of_any_decade
-from observer_fi.verdict.moves.whole_move import Path
+from observer_fi.verdict.moves.whole_move import Path, WholeMove, _is_lost
 
 RIG = load_rig()
 MOVE = hidden.single_move(speed=410.0, hold_s=3.0, pitch_deg=4.0)
@@ -389,3 +391,32 @@ def of(spec: hidden.TruthSpec, seed: int) -> Event:
     found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), RIG, Settings()).isolation
     assert found is not None
     return found.verdict
+
+
+@pytest.mark.parametrize(("inertia", "lost"), [(0.02, True), (0.06, False), (1.2, False), (2.0, True)])
+def test_an_inertia_that_ran_away_is_no_place_to_begin(inertia: float, lost: bool) -> None:
+    freed = next(h for h in of_a_move(RIG, Settings().bank) if h.label == "coupling_loss")
+    x, none = np.ones(len(freed.states)), np.zeros(3)
+    x[freed.states.index("J_decoupled")] = inertia
+    memory = HypothesisState(x, np.eye(x.size), none, none, none, none, none, none, none)
+    assert _is_lost(freed, memory) is lost
+
+
+@pytest.mark.parametrize(("torque", "way"), [(1.0, -1.0), (-1.0, 1.0)])
+def test_a_torque_at_the_end_of_a_motor_that_swings_back_resists_that(torque: float, way: float) -> None:
+    """At the end the motor turns the other way: a friction that follows it has that sign, a load against the move not."""
+    forwards: Any = SimpleNamespace(n=200, direction=lambda first, last: 1.0 if first < 100 else -1.0)
+    path: Any = SimpleNamespace(begin=20, end=None)
+    assert WholeMove.resisted(forwards, path, -torque) == way
+
+
+@pytest.mark.parametrize(
+    ("gain", "nis", "failed", "usual"),
+    [(190.0, 2.0, 1, True), (190.0, 4.0, 1, False), (2e3, 2.0, 1, False), (190.0, 2.0, -1, False)],
+)
+def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
+    gain: float, nis: float, failed: int, usual: bool
+) -> None:
+    whole: Any = SimpleNamespace(n=6000, nis=np.full(6000, nis), nominal=None, expected=lambda h: 3.0)
+    path: Any = SimpleNamespace(begin=500, end=5500, gain=gain, hypothesis=SimpleNamespace(failed=failed))
+    assert WholeMove.reads_as_usual(whole, path) is usual

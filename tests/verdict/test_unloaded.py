@@ -98,6 +98,24 @@ def test_the_one_current_that_is_measured_may_misread(label: str, change: float)
     assert told.label == label and told.alike == ("sensor_fault",) and told.probability < 0.95
 
 
+@pytest.mark.parametrize(
+    ("share", "goes_on", "dead"), [(0.0, 1.0, True), (0.0, 0.0, False), (0.9, 1.0, False)]
+)
+def test_a_mass_that_goes_on_without_a_current_has_a_dead_current_sensor(
+    share: float, goes_on: float, dead: bool
+) -> None:
+    """A current of nothing and a mass that stands is a motor without one; and what still reads is no dead sensor."""
+    memory = bank(share, noise=1e-4)
+    t = memory.recent.t
+    memory.recent.z[:, 2] = 7e-4 * (np.minimum(t, 2.0) + goes_on * np.maximum(t - 2.0, 0.0))
+    told = without_voltage(event("overload", None), memory, RIG, ALIKE)
+    assert ((told.label, told.channel) == ("sensor_fault", "current")) is dead
+    if dead:
+        assert told.onset_s == pytest.approx(2.0, abs=0.01) and told.alike == ()
+    health = event("nominal", None)
+    assert without_voltage(health, memory, RIG, ALIKE) is health
+
+
 def test_a_slip_whose_current_stays_is_one() -> None:
     slip = event("slip", None)
     assert without_voltage(slip, moved(False, 1.0), RIG, ALIKE) is slip
@@ -132,7 +150,11 @@ def test_a_current_that_stands_to_the_last_digit_is_that_of_a_dead_sensor(
     said: tuple[str, str | None],
 ) -> None:
     logged: Any = SimpleNamespace(
-        model=RIG.model, spread=RIG.spread, logger=object(), repeats=np.array([0.0, 0.3, 0.0])
+        model=RIG.model,
+        spread=RIG.spread,
+        logger=object(),
+        repeats=np.array([0.0, 0.3, 0.0]),
+        noise_std=RIG.noise_std,
     )
     dead = without_voltage(event(*said), quantised(1.0, True), logged, ALIKE)
     assert (dead.label, dead.channel) == ("sensor_fault", "current")

@@ -92,3 +92,12 @@ def test_a_rig_that_fits_one_move_is_this_machines() -> None:
     good, bad = (not_tested("")._replace(label=label, start_s=at, onset_s=at) for label, at in BOTH)
     assert wrong_rig(bad, (bad,), consistency, ()) and wrong_rig(bad, (bad, good), consistency, ("odd",))
     assert not wrong_rig(bad, (good, bad), consistency, ("odd",))
+
+
+def test_a_failed_sensor_that_the_whole_move_explains_is_of_this_machine() -> None:
+    """A bank may follow it badly; a fault without a name, or one that is there from the start, explains nothing."""
+    consistency = Consistency(200.0, 3.0, 0.0)
+    late = not_tested("")._replace(label="sensor_fault", channel="current", start_s=0.4, onset_s=2.0)
+    assert wrong_rig(late, (late,), consistency, ()) and not wrong_rig(late, (late,), consistency, (), (0.4,))
+    for other in (late._replace(label="unknown", channel=None), late._replace(onset_s=0.41)):
+        assert wrong_rig(other, (other,), consistency, (), (0.4,))

@@ -3,9 +3,10 @@
 Mechanics and winding need no servo (`integral_regression.py`). With them the speed is known, and outside saturation equation 3
 is linear in the gains,
 
-    i = c + Kp e + Ki int e dt,    e = w_cmd - w,
+    i = c + Kp e + Ki int e dt + a int w dt + b int i dt,    e = w_cmd - w,
 
-with a constant a move; of a position servo, w_cmd = Kx u with u = x_cmd / D - angle, and its encoder is the integral of w. So
+with a constant a move, and a and b for what is left of the errors of Km and Rm in the speed. Of a position servo, w_cmd = Kx u
+with u = x_cmd / D - angle, and its encoder is the integral of w. So
 
     angle = c + Kx int u dt + Kp/Ki (Kx u - w) - i / Ki,
 
@@ -96,10 +97,13 @@ def _errors(part: "_Move", Kx: float | None) -> tuple[Array, Array]:
     """The error of the speed and its integral (n, 2), and what is as them but for the noise of the speed.
 
     A position servo's error is small beside the noise of the voltage; its encoder has another one (instrumental variables).
+    Without an encoder two more columns: where Km is off by a thousandth, its share of the angle soon outgrows the integral of
+    the error, and where Rm is, the integral of the current does.
     """
     if Kx is None or part.angle is None:
         error = part.command - part.w
-        G = np.column_stack([error, motor_angle(part.t, error)])
+        columns = error, motor_angle(part.t, error), motor_angle(part.t, part.w), motor_angle(part.t, part.i)
+        G = np.column_stack(columns)
         return G, G
     goal = Kx * part.command
     integral = motor_angle(part.t, goal) - part.angle

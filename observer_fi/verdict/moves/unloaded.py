@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.physics import Rig
+from observer_fi.physics import NOMINAL, Rig
 from observer_fi.records import Array, Event
 from observer_fi.verdict.drift import mostly
 
@@ -43,6 +43,13 @@ RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the trav
 # A current that stays the same to the last digit for so long in motion that noise does so once in e^30 is that of a dead
 # sensor; its noise repeats a reading at least half the time, as far as that is allowed for.
 DEAD_NATS, REPEATS = 30.0, 0.5
+_STANDS_STILL = "the current stands still to the last digit, which no sensor that works does"
+# Standard deviations of its noise: up to which a current is nothing, and which it had before. Of the speed before: a mass that
+# is as fast is driven.
+NOTHING, READS, GOES_ON = 5.0, 10.0, 0.5
+_READS_NOTHING = (
+    "the current reads nothing while the mass goes on for longer than a motor without current would turn"
+)
 
 
 class _Around(NamedTuple):
@@ -60,9 +67,10 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
 
     alike: probability from which another label is named beside the verdict's.
     """
-    stuck = stuck_current(event, bank, rig)
-    if stuck is not None:
-        return _of_current(event, *stuck)
+    for dead, why in ((stuck_current, _STANDS_STILL), (lost_current, _READS_NOTHING)):
+        since = dead(event, bank, rig)
+        if since is not None:
+            return _of_current(event, *since, why)
     key = event.label, event.channel
     others = SAME_WITHOUT_VOLTAGE.get(key, ())
     if not others:
@@ -103,15 +111,38 @@ def stuck_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | N
     return float(t[first - 1]), float(t[first])
 
 
-def _of_current(event: Event, before: float, since: float) -> Event:
+def lost_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | None:
+    """The last sample of a faulty move at which its current read more than noise, and the first one after [s], where it is lost.
+
+    It reads nothing until the motion is over, while the mass goes on for longer than a motor without current would coast
+    (equation 1): only a load that drives it at just what friction takes would do the same.
+    """
+    recent = bank.recent
+    if recent is None or event.label == NOMINAL:
+        return None
+    there = (recent.t >= event.start_s) & (recent.t <= event.end_s) & recent.active
+    t, i, x = recent.t[there], np.nan_to_num(recent.z[there, 1]), recent.z[there, 2]
+    read = np.flatnonzero(np.abs(i) > NOTHING * rig.noise_std[1])
+    first = int(read[-1]) + 1 if read.size else t.size
+    earlier = (t >= t[first] - BEFORE_S[0]) & (t < t[first]) if first < t.size else there[:0]
+    if first >= t.size or np.abs(i[earlier]).mean() < READS * rig.noise_std[1]:
+        return None
+    before = _slope(t[earlier], x[earlier])
+    coast = 0.0 if before is None else abs(before) / rig.model["D"] * rig.model["J"] / rig.model["A"]
+    later = t > t[first] + coast
+    after = _slope(t[later], x[later])
+    goes_on = before is not None and after is not None and after / before > GOES_ON
+    return (float(t[first - 1]), float(t[first])) if goes_on else None
+
+
+def _of_current(event: Event, before: float, since: float, why: str) -> Event:
     """The event as that of a dead current sensor."""
     if (event.label, event.channel) == MISREAD:
         return event
     posterior = mostly("sensor_fault", event)
     return event._replace(
         label="sensor_fault", channel="current", probability=posterior["sensor_fault"], posterior=posterior, alike=(),
-        onset_s=since, onset_interval_s=(before, since), over_s=None, severity=(), then=(),
-        reasons=("the current stands still to the last digit, which no sensor that works does",),
+        onset_s=since, onset_interval_s=(before, since), over_s=None, severity=(), then=(), reasons=(why,),
     )  # fmt: skip
 
 
