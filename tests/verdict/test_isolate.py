@@ -447,3 +447,14 @@ def test_health_in_place_of_a_first_fault_leaves_the_one_behind_it() -> None:
     first = behind._replace(label="jam", onset_s=0.3, end_s=2.5, then=(behind,))
     assert isolate.healthy(first) == behind._replace(end_s=2.5)
     assert isolate.healthy(first._replace(then=())).label == "nominal"
+
+
+def test_the_arrays_of_an_estimate_may_be_used_again() -> None:
+    """A stream's next samples stand where the last ones stood: the winner before the stop must not become that of the stop."""
+    whole = estimate(Part(0.5), Part(3.0 / RATE, "sensor:current"), rest())
+    isolator, room = Isolator(MODES, SETTINGS), whole.probability[:1].copy()
+    for k in range(whole.t.size):
+        room[:] = whole.probability[k]
+        for _ in isolator.add(replace(part_of(whole, k, k + 1), probability=room)):
+            pass
+    assert isolator.current is not None and isolator.current.verdict().label == "nominal"
