@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from observer_fi.numerics import digits
 from observer_fi.physics import COLUMNS, Rig
@@ -129,6 +128,8 @@ def unfiltered(log: Log, told: Iterable[Filter]) -> Log:
 
 def _earlier(t: Array, y: Array, by: float) -> Array:
     """Readings (n,) as they are so much later [s]; NaN where none is near."""
+    from scipy.interpolate import Akima1DInterpolator  # slow to import, and `diagnose` does without
+
     there = np.isfinite(y)
     if there.sum() < FEWEST:
         return y
