@@ -263,9 +263,21 @@ class Parameter:
     high: float
 
 
+class Filter(NamedTuple):
+    """A low-pass filter before the readings of a channel: corner [Hz], order, and samples by which they are later still."""
+
+    channel: str
+    corner_hz: float
+    order: int
+    late: float = 0.0
+
+
 @dataclass(frozen=True)
 class Fit:
-    """A rig learned from logs: values, their correlation (k, k), what could not be identified and what to record."""
+    """A rig learned from logs: values, their correlation (k, k), what could not be identified and what to record.
+
+    filters: that the logger has before its readings, as the logs show them.
+    """
 
     parameters: tuple[Parameter, ...]
     correlation: Array
@@ -273,6 +285,7 @@ class Fit:
     nll_per_sample: float
     rmse: dict[str, float]
     figures: dict[str, Any] = field(default_factory=dict)
+    filters: tuple[Filter, ...] = ()
 
 
 @dataclass(frozen=True)

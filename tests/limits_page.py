@@ -135,7 +135,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             f"a time constant of {min(low_pass.TIMES):g} to {max(low_pass.TIMES):.0f} samples, order one or Butterworth's two; "
             "one of a group of channels, and one more",
             f"readings that are more than {low_pass.LEFT:.0%} noise without it tell nothing; "
-            "identify and improve do not look for filters",
+            "identify and improve look for one before voltage, current or both, of a rig with a servo",
         ),
         ("line of a stream", f"{line_parser.LONGEST_LINE >> 10} KB", "longer: skipped, told"),
     ]

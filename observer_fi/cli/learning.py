@@ -17,8 +17,10 @@ from observer_fi.cli.options import (
 from observer_fi.cli.progress import Stages
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from observer_fi.physics import Rig
-    from observer_fi.records import Log
+    from observer_fi.records import Filter, Log
     from observer_fi.report import Made
 
 
@@ -66,7 +68,7 @@ def run_identify(args: argparse.Namespace) -> int:
         too_many_moves,
         with_equation_errors,
     )
-    from observer_fi.logs import with_logger
+    from observer_fi.logs import filtered_logger, with_logger
     from observer_fi.physics import load_rig
     from observer_fi.report import folder_name, identify_files, identify_json, write_result
 
@@ -78,7 +80,9 @@ def run_identify(args: argparse.Namespace) -> int:
         fit = identify(logs, rig)
         tell("what the fit leaves")
         by_phase = residuals_by_phase(logs, fit, rig)
-        learned = with_equation_errors(with_logger(identified_rig(fit, rig), logs), logs)
+        logged = filtered_logger(with_logger(identified_rig(fit, rig), logs), fit.filters)
+        learned = with_equation_errors(logged, logs, fit.filters)
+    _tell_filters(fit.filters)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
     still = still_figures(args, fit)
     folder = write_result(args.out, name, _made("identify", logs), {**files, **still})
@@ -117,6 +121,7 @@ def run_improve(args: argparse.Namespace) -> int:
             record = with_moves(record, logs)
         tell("what diagnose gains on simulated faults")
         gain = diagnosis_gain(record.rig, record.extended_rig)
+    _tell_filters(record.filters)
     files = improve_files(record, gain, name, list(args.logs), note)
     still = still_figures(args, record)
     folder = write_result(args.out, name, _made("improve", logs), {**files, **still})
@@ -133,6 +138,14 @@ def _told(note: str) -> str:
     if note:
         complain(note)
     return note
+
+
+def _tell_filters(filters: "Sequence[Filter]") -> None:
+    """What the logger has before its readings, on the terminal."""
+    from observer_fi.logs import told_filter
+
+    for own in filters:
+        complain(told_filter(own))
 
 
 def _made(command: str, logs: "list[Log]") -> "Made":

@@ -16,10 +16,10 @@ from observer_fi.improve.problem import Candidate, F, Ladder, Measure, Problem, 
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
 from observer_fi.improve.unexplained import Smooth
-from observer_fi.learn import Experiment, FitResult, with_servo
-from observer_fi.logs import Excitation, with_command, with_logger
+from observer_fi.learn import Experiment, FitResult, campaign_filters, with_servo
+from observer_fi.logs import Excitation, filtered_logger, unfiltered, with_command, with_logger
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve
-from observer_fi.records import Log, Segment
+from observer_fi.records import Filter, Log, Segment
 
 SCHEMA = "observer-fi/improve/1"
 
@@ -64,6 +64,7 @@ class Improvement:
     refused: causes that were tried last, with their net nats. freed: for each equation of the refitted rig how much the data
     want it free, the most wanted first; disturbances: what that looks like; both empty where no move is simulated. excitations:
     what each log holds. new_moves: what `diagnose` makes of moves that no fit saw; extended_rig is the one that does best there.
+    filters: that were taken out of the readings.
     """
 
     rig: Rig
@@ -85,6 +86,7 @@ class Improvement:
     disturbances: tuple[SmoothedDisturbance, ...]
     excitations: tuple[Excitation, ...]
     new_moves: NewMoves = UNSEEN
+    filters: tuple[Filter, ...] = ()
 
 
 def improve(
@@ -108,13 +110,16 @@ def improve(
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
     commanded = [with_command(log, rig) for log in logs]
-    problem = simulated_moves(commanded, with_servo(commanded, rig), moves, settings)
+    filters = campaign_filters(commanded, rig).told
+    taken = [unfiltered(log, filters) for log in commanded]
+    problem = simulated_moves(taken, with_servo(taken, rig), moves, settings)
     ladder = problem.reconsidered(name_causes(problem, progress))
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")
     counts = new_moves(problem, ladder, rig)
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
-    return replace(found, extended_rig=with_logger(best, commanded), new_moves=counts)
+    learned = filtered_logger(with_logger(best, commanded), filters)
+    return replace(found, extended_rig=learned, new_moves=counts, filters=filters)
 
 
 def improvement_of(

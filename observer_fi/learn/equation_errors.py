@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
-from observer_fi.logs import Readings, acquisition_of, with_command
+from observer_fi.logs import Readings, acquisition_of, unfiltered, with_command
 from observer_fi.physics import Rig
-from observer_fi.records import Estimate, Log
+from observer_fi.records import Estimate, Filter, Log
 from observer_fi.settings import BankSettings
 
 ORDER = ("servo", "change", "torque", "travel", "friction")
@@ -31,15 +31,16 @@ WIDER, WIDEST = (
 )  # step of a free current's error towards that, and the most: what is farther off is not its error
 
 
-def with_equation_errors(rig: Rig, logs: Sequence[Log]) -> Rig:
+def with_equation_errors(rig: Rig, logs: Sequence[Log], filters: Sequence[Filter] = ()) -> Rig:
     """`rig` with the errors of its equations that healthy logs show; as it is where no motor drives it.
 
-    Several logs, of several days, have one error each: it is as wide as what differs between them.
+    Several logs, of several days, have one error each: it is as wide as what differs between them. filters: before the readings
+    of all logs.
     """
     if not rig.driven.motor or not logs:
         return rig
     settings = replace(BankSettings(), glitch_samples=0, unknown=False, sensors=False)
-    parts = [_part(log, rig) for log in logs]
+    parts = [_part(unfiltered(log, filters), rig) for log in logs]
     usual = usual_errors(settings, rig)
     errors = _likeliest(parts, settings, usual)
     return replace(rig, errors=_above_peaks(parts, settings, errors))

@@ -28,9 +28,19 @@ from observer_fi.learn.joint_likelihood import (
     profile_interval,
     residuals_of,
 )
+from observer_fi.learn.logger.filtered_readings import NAMES as FILTERED
+from observer_fi.learn.logger.filtered_readings import Through
+from observer_fi.learn.logger.low_passes import filter_of, needed
 from observer_fi.learn.move_data import share_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
-from observer_fi.logs import log_phases, mean_square_by_phase, moves_from_rest, with_command
+from observer_fi.logs import (
+    LowPasses,
+    log_phases,
+    mean_square_by_phase,
+    moves_from_rest,
+    unfiltered,
+    with_command,
+)
 from observer_fi.physics import (
     PARAMETERS,
     UNLEARNED,
@@ -85,11 +95,25 @@ RECORD = {
 
 
 class Material(NamedTuple):
-    """A log with what was found in it: its moves, and where the mass stops following."""
+    """A log, without the filters of its logger, with what was found in it: its moves, and where the mass stops following.
+
+    logged: the log as it is.
+    """
 
     log: Log
     moves: tuple[Segment, ...]
     breaks: Breaks
+    logged: Log
+
+
+class Learned(NamedTuple):
+    """A fit of all logs with what it took, and what of it can be told."""
+
+    material: list[Material]
+    parts: list[Part]
+    fitted: JointFit
+    identified: set[str]
+    steps: dict[str, cf.Step]
 
 
 def identify(logs: Sequence[Log], rig: Rig) -> Fit:
@@ -129,36 +153,86 @@ def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
 
 def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
     """The fit of a rig whose servo is known well enough to begin with."""
-    material = [_material(log, rig) for log in logs]
+    learned, low_passes = _behind_filters(logs, rig)
+    fit = _fit(learned.parts, learned.fitted, learned.identified, learned.steps, rig)
+    return replace(fit, filters=low_passes.told)
+
+
+def campaign_filters(logs: Sequence[Log], rig: Rig) -> LowPasses:
+    """The filters that the logger of some logs has before its readings; none where no servo's starts tell."""
+    if not rig.driven.servo or needs_start(rig):
+        return LowPasses()
+    return _behind_filters(logs, rig)[1]
+
+
+def _behind_filters(logs: Sequence[Log], rig: Rig) -> tuple[Learned, LowPasses]:
+    """The fit of all logs, and the filters that it found before their readings."""
+    learned = _learned(logs, rig)
+    if not needed(learned.fitted):
+        return learned, LowPasses()
+    begun = _start_values(learned.material, {}, rig)
+    free = _free(learned.material, begun, learned.identified, rig)
+    found = filter_of(learned.parts, rig.model, free, begun)
+    if found is None:
+        return learned, LowPasses()
+    learned = _learned(logs, rig, *found)
+    return learned, found[0].told(learned.fitted.values, 1.0 / logs[0].rate_hz)
+
+
+def _learned(
+    logs: Sequence[Log], rig: Rig, through: Through | None = None, values: Mapping[str, float] | None = None
+) -> Learned:
+    """The fit of all logs whose readings come through a filter, if through any: about that of some `values`."""
+    known = values or {}
+    material = [_material(log, rig, _taken_out(through, known, log)) for log in logs]
     steps, start = closed_form_start(material, rig.model)
     share = share_of(m.moves for m in material)
-    found = [part_of(m.log, rig, k, m.breaks, share) for k, m in enumerate(material)]
-    parts = [part for part in found if part is not None]
+    found = [part_of(m.logged, rig, k, m.breaks, share, m.log) for k, m in enumerate(material)]
+    parts = [part._replace(through=through) for part in found if part is not None]
     if not parts:
         raise InvalidLogError(
             f"{logs[0].path}: no move that begins from a rest; record the rest before each move too"
         )
     identified = identifiable(material, parts, rig.model)
-    values = _beginning(parts, material, start, rig)
-    free = _free(material, values, identified, rig)
-    fitted = fit_parts(parts, rig.model, free, values)
+    behind = through.free(1.0 / logs[0].rate_hz) if through else []
+    start = {**start, **{f.name: known[f.name] for f in behind}}
+    begun = _beginning(parts, material, start, rig)
+    fitted, identified = _told(parts, material, begun, identified, behind, rig)
+    return Learned(material, parts, fitted, identified, steps)
+
+
+def _taken_out(through: Through | None, values: Mapping[str, float], log: Log) -> LowPasses:
+    return through.told(values, 1.0 / log.rate_hz) if through else LowPasses()
+
+
+def _told(
+    parts: list[Part],
+    material: list[Material],
+    values: dict[str, float],
+    identified: set[str],
+    behind: list[Free],
+    rig: Rig,
+) -> tuple[JointFit, set[str]]:
+    """The fit of what the logs tell, and the names of that. behind: what is free of a filter."""
+
+    def fit(identified: set[str], values: Mapping[str, float]) -> JointFit:
+        free = [*_free(material, values, identified, rig), *behind]
+        return fit_parts(parts, rig.model, free, values)
+
+    fitted = fit(identified, values)
     if "Vmax" in identified and not _limits(parts, rig.model, fitted):
         identified = identified - {"Rs", "Vmax"}
         filed = {"Rs": rig.model["Rs"], "Vmax": max(rig.model["Vmax"], fitted.values["Vmax"])}
-        fitted = fit_parts(
-            parts, rig.model, _free(material, values, identified, rig), {**fitted.values, **filed}
-        )
+        fitted = fit(identified, {**fitted.values, **filed})
     weak = _weak(fitted, identified)
     if weak:
-        fitted = fit_parts(
-            parts, rig.model, _free(material, fitted.values, identified - weak, rig), fitted.values
-        )
-        again = fit_parts(parts, rig.model, _free(material, fitted.values, identified, rig), fitted.values)
+        fitted = fit(identified - weak, fitted.values)
+        again = fit(identified, fitted.values)
         still = _weak(again, identified)  # a fit that began far away may only have stopped short
         fitted = again if not still else fitted
         identified = identified - (weak if still else set())
         identified = identified - _weak(fitted, identified)  # what the first fit hid
-    return _fit(parts, fitted, identified, steps, rig)
+    return fitted, identified
 
 
 def identified_rig(fit: Fit, rig: Rig) -> Rig:
@@ -184,10 +258,11 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
 # --- what the logs hold ---------------------------------------------------------------------------
 
 
-def _material(log: Log, rig: Rig) -> Material:
-    log = with_crawl(with_command(log, rig), rig)
+def _material(log: Log, rig: Rig, low_passes: LowPasses) -> Material:
+    logged = with_crawl(with_command(log, rig), rig)
+    log = unfiltered(logged, low_passes.told)
     moves = moves_from_rest(log)
-    return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]))
+    return Material(log, moves, find_breaks(log, moves, rig.model, rig.noise["position"]), logged)
 
 
 def identifiable(material: Sequence[Material], parts: Sequence[Part], model: Model) -> set[str]:
@@ -296,6 +371,7 @@ def _start_values(material: Sequence[Material], found: Mapping[str, float], rig:
     values["input_delay"] = rig.model["input_delay"]
     values["torque_offset"] = rig.model["torque_offset"]
     values |= {n: rig.model[n] for n in rig.model.effects}
+    values |= {n: found[n] for n in FILTERED if n in found}
     for side in ("high", "low"):
         stops = {k: s for k, m in enumerate(material) if (s := getattr(m.breaks, f"stop_{side}")) is not None}
         for k, stop in stops.items():
@@ -467,6 +543,8 @@ def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) 
 
 def _reported(name: str, identified: set[str]) -> bool:
     base = name.split("@")[0]
+    if base in FILTERED:
+        return False
     if base in ("x_stop_high", "x_stop_low"):
         return "C" in identified or "E" in identified
     return base in identified or base not in RECORD

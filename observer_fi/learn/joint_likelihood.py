@@ -34,6 +34,7 @@ from observer_fi.learn.gauss_newton import (
     search,
     stepped,
 )
+from observer_fi.learn.logger.filtered_readings import NAMES, Through
 from observer_fi.learn.move_data import Experiment, commands, prepare, run, simulate_each
 from observer_fi.learn.output_error import inflation
 from observer_fi.logs import moves_from_rest
@@ -55,13 +56,14 @@ _QUADRATIC = 0.3  # share by which a profile may differ from the parabola before
 class Part(NamedTuple):
     """One log: its moves, the log's number, and whether it loses its coupling (values["onset@number"], s).
 
-    silent: parameters that this log says nothing about, so that they need no simulation of it.
+    silent: parameters that this log says nothing about, so that they need no simulation of it. through: a filter before readings.
     """
 
     experiment: Experiment
     number: int
     loses: bool
     silent: frozenset[str]
+    through: Through | None = None
 
 
 @dataclass(frozen=True)
@@ -91,17 +93,19 @@ class JointFit:
         return {f.name: float(math.sqrt(v)) for f, v in zip(self.free, np.diag(self.covariance), strict=True)}
 
 
-def part_of(log: Log, rig: Rig, number: int, breaks: Breaks, share: float = 1.0) -> Part | None:
+def part_of(
+    log: Log, rig: Rig, number: int, breaks: Breaks, share: float = 1.0, motion: Log | None = None
+) -> Part | None:
     """A log ready to be fitted, or None where it holds no move that can be simulated from a rest.
 
-    share: of its moves that is taken (`spread_moves`).
+    share: of its moves that is taken (`spread_moves`). motion: the same log as its motion is told from, without its filters.
     """
     moves = [m for m in moves_from_rest(log) if not _has_gap(log, m)]
     try:
         experiment = prepare([log], rig, [moves], share)
     except ValueError:
         return None
-    w = speed_of(log, rig.model)
+    w = speed_of(motion or log, rig.model)
     ends = [_still_from(log, w, _move_at(moves, experiment, m), rig.model) for m in range(experiment.moves)]
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
     if breaks.stop_high is None and breaks.stop_low is None:
@@ -211,7 +215,8 @@ def model_of(plant: Model, values: Mapping[str, float], number: int) -> Model:
         for n, v in values.items()
         if n.endswith(f"@{number}") and n.split("@")[0] != "onset"
     }
-    return override(plant, plant.name, **{n: v for n, v in values.items() if "@" not in n}, **own)
+    shared = {n: v for n, v in values.items() if "@" not in n and n not in NAMES}
+    return override(plant, plant.name, **shared, **own)
 
 
 def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Array) -> Array:
@@ -221,7 +226,16 @@ def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Arr
     states, y = run(part.experiment, model, nuisance, ready)
     if part.loses:
         _run_loose(part, model, values[f"onset@{part.number}"], ready, states, y)
-    return y
+    return _as_logged(part, values, y)
+
+
+def _as_logged(part: Part, values: Mapping[str, float], y: Array) -> Array:
+    """Readings (N, 3) behind the filter of a log."""
+    if part.through is None:
+        return y
+    e = part.experiment
+    rows = [e.rows(m) for m in range(e.moves)]
+    return np.concatenate([part.through.taken(e.t[own], y[own], values) for own in rows])
 
 
 def _predict_each(
@@ -231,7 +245,8 @@ def _predict_each(
     if part.loses:
         return [predict(part, plant, values, nuisance) for values, nuisance in trials]
     models = [model_of(plant, values, part.number) for values, _ in trials]
-    return list(simulate_each(part.experiment, models, [nuisance for _, nuisance in trials]))
+    readings = simulate_each(part.experiment, models, [nuisance for _, nuisance in trials])
+    return [_as_logged(part, values, y) for (values, _), y in zip(trials, readings, strict=True)]
 
 
 def _run_loose(
@@ -358,6 +373,14 @@ class _Joint:
 
 def _touches(name: str, part: Part) -> bool:
     return name not in part.silent and ("@" not in name or name.endswith(f"@{part.number}"))
+
+
+def best_point(
+    parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
+) -> Point:
+    """Where Gauss-Newton from `values` ends, without what only a result needs."""
+    problem = _Joint(parts, plant, tuple(free))
+    return search(problem, values, np.zeros((problem.bounds.size - 1, 2))).point
 
 
 def fit_parts(

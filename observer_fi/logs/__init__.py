@@ -26,6 +26,15 @@ from observer_fi.logs.ingest import (
     read_log,
 )
 from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
+from observer_fi.logs.low_pass import (
+    LowPass,
+    LowPasses,
+    Unfiltered,
+    filtered_logger,
+    told_filter,
+    unfiltered,
+    with_low_passes,
+)
 from observer_fi.logs.moves import (
     Excitation,
     Phase,
@@ -52,7 +61,14 @@ if TYPE_CHECKING:
 __all__ = [
     "SET_UP_DEG",
     "quarter_of_a_ring",
+    "LowPass",
+    "LowPasses",
+    "Unfiltered",
     "acquisition_of",
+    "filtered_logger",
+    "told_filter",
+    "unfiltered",
+    "with_low_passes",
     "channel_traits",
     "clock_of",
     "rests_for_noise",

@@ -46,7 +46,7 @@ def _traits(entry: Mapping[str, Any]) -> ChannelTraits:
     return ChannelTraits(
         noise, entry.get("as_white", noise), entry.get("resolution"), entry.get("update_hz"),
         tuple(Line(hz, amplitude) for hz, amplitude in lines), entry.get("correlation_s"), entry.get("spikes", 0),
-        entry.get("averaged_samples", 1),
+        entry.get("averaged_samples", 1), low_pass_hz=entry.get("low_pass_hz"),
     )  # fmt: skip
 
 

@@ -103,6 +103,7 @@ class _Channel(_Strict):
     correlation_s: Positive | None = None
     spikes: Annotated[int, Field(ge=0)] = 0
     averaged_samples: Annotated[int, Field(ge=1, le=10**6)] = 1
+    low_pass_hz: Positive | None = None
 
 
 class _Clock(_Strict):

@@ -1,7 +1,7 @@
 """Reports of `identify` and `improve`: the records printed, nothing computed."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,10 @@ from observer_fi.improve import (
     Value,
     to_json,
 )
-from observer_fi.logs import Excitation
+from observer_fi.logs import Excitation, told_filter
 from observer_fi.numerics import digits, to_the_error, with_error
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
-from observer_fi.records import Array, Fit, Parameter
+from observer_fi.records import Array, Filter, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, quantity, versions
 
@@ -37,7 +37,8 @@ def improve_files(
     disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
-        record=record, gain=gain, name=name, logs=logs, note=note, figures=drawn, headline=improve_headline(record), words=plain,
+        record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters), figures=drawn,
+        headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=with_error, versions=versions(),
         rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
@@ -97,10 +98,11 @@ def likeness(record: Improvement) -> str:
 
 def improve_json(record: Improvement, gain: Gain) -> dict[str, Any]:
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
+    told = {**to_json(record), "warnings": [told_filter(own) for own in record.filters]}
     if gain is None:
-        return to_json(record)
+        return told
     before, after = (g._asdict() for g in gain)
-    return {**to_json(record), "diagnosis": {"baseline": before, "extended": after}}
+    return {**told, "diagnosis": {"baseline": before, "extended": after}}
 
 
 _NOT_KNOWN = "The equations do not know, where it would enter them, what it depends on: no curve of it can be kept in the rig."
@@ -176,7 +178,8 @@ def identify_files(
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, note=note, figures=drawn, value=with_error, digits_of=to_the_error,
+        fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters), figures=drawn,
+        value=with_error, digits_of=to_the_error,
         versions=versions(), by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
         units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
@@ -185,6 +188,11 @@ def identify_files(
         "identify.html": html,
         "rig.toml": rig_toml(identified),
     }
+
+
+def _notes(note: str, filters: Iterable[Filter]) -> str:
+    """What else to say of the logs, one sentence after the other."""
+    return ". ".join([*([note] if note else []), *map(told_filter, filters)])
 
 
 def correlated(fit: Fit) -> list[tuple[str, list[float]]]:
@@ -218,6 +226,7 @@ def identify_json(fit: Fit) -> dict[str, Any]:
         "not_identifiable": fit.not_identifiable,
         "nll_per_sample": fit.nll_per_sample,
         "rmse": fit.rmse,
+        "warnings": [told_filter(own) for own in fit.filters],
         "correlation": {"names": [p.name for p in fit.parameters], "matrix": fit.correlation.tolist()},
     }
 

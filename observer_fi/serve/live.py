@@ -16,7 +16,7 @@ from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import first_state as beginning
 from observer_fi.bank import log_feed as feed
 from observer_fi.logs import Row
-from observer_fi.physics import NOMINAL, Rig, channel_of, label_of
+from observer_fi.physics import NOMINAL, NOT_TESTED, Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.serve.recent import EVERY, Recent
 from observer_fi.serve.stream_word import StreamWord
@@ -24,7 +24,9 @@ from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import (
     FEWEST_MOVING,
     LEARNABLE,
+    SETTLING,
     AsLogged,
+    EventTracker,
     Isolator,
     for_readings,
     log_verdict,
@@ -207,14 +209,23 @@ class Live:
                 table, judge = table[taken:], self._next
             if not self.lesson.complete:
                 continue
-            known = self.lesson.learned(self.rig, self.all_settings.bank)
-            if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
-                e, changes = self._again(known, self.lesson.table)
-                told = [change._replace(samples=self.samples) for change in changes]
-                yield rows_of(e, e.t.size, e.t.size), told  # the samples themselves were told before
-            self.lesson = self.lesson.next_one()
+            yield from self._taught(self.lesson)
         if len(table):
             yield from self._batches(table, judge)
+
+    def _taught(self, lesson: Lesson) -> Iterator[Judged]:
+        """What samples kept say of the logger, and with it of themselves; a start is told only now."""
+        self.lesson = lesson.next_one()
+        known = lesson.learned(self.rig, self.all_settings.bank)
+        if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
+            e, changes = self._again(known, lesson.table)
+            told = [change._replace(samples=self.samples) for change in changes[-1:]]  # others are past
+            yield rows_of(e, e.t.size, e.t.size), told  # the samples themselves were told before
+
+    @property
+    def _in_first_start(self) -> bool:
+        """Whether what the logger does is not known yet, though the motor runs: a fault may be a filter."""
+        return self.lesson is not None and self.lesson.moved
 
     def _batches(self, table: Array, judge: Callable[[Array], Judged]) -> Iterator[Judged]:
         if judge == self._first:
@@ -248,7 +259,17 @@ class Live:
         if table is not None and table.size:
             self._begin(table)
             yield from self._batches(table, self._first)
+        yield from self._cut_short()
         yield from self._answered()
+
+    def _cut_short(self) -> Iterator[Judged]:
+        """What the first start says, where the stream ended in it."""
+        if self.lesson is None or not self.lesson.moved or self.last is None:
+            return
+        yield from self._taught(self.lesson)
+        e, event = self.last, self.verdict()
+        if event.label != NOT_TESTED and certainty(event) >= self.settings.isolated:
+            yield rows_of(e, e.t.size, e.t.size), list(self._told_late(event, self.moves, e, e.t.size - 1))
 
     def _answered(self) -> Iterator[Judged]:
         """What a question that is open, or would have been asked, says of the last move."""
@@ -259,6 +280,11 @@ class Live:
         if told is not None:
             change = list(self._told_late(told, self.moves, last, last.t.size - 1))
             yield rows_of(last, last.t.size, last.t.size), change
+
+    def _in_a_corner(self, event: Event, tracker: EventTracker) -> bool:
+        """Whether a fault is that of a few samples only, where what a filter leaves at a corner of the command may be one."""
+        filtered = self.as_logged is not None and self.as_logged.low_passes.any
+        return filtered and event.label != NOMINAL and tracker.held < SETTLING
 
     def _told_before(self, word: StreamWord, e: Estimate, k: int) -> Iterator[Change]:
         """What a question that is still open says of the move before the one that begins at sample k."""
@@ -296,7 +322,14 @@ class Live:
     def verdict(self) -> Event:
         """The verdict on the move under way, or on the last one."""
         tracker = self.isolator.current
-        return log_verdict([]) if tracker is None or not self._tested() else self._said(tracker.verdict())
+        if tracker is None or not self._tested():
+            return log_verdict([])
+        event = self._said(tracker.verdict())
+        return log_verdict([]) if self._waits(event) else event
+
+    def _waits(self, event: Event) -> bool:
+        """Whether a fault is not told yet: in the first start it may be what the logger does."""
+        return self._in_first_start and event.label != NOMINAL
 
     def _said(self, event: Event) -> Event:
         """The bank's verdict on a move, or what the whole move said."""
@@ -352,6 +385,8 @@ class Live:
             self.word.follow(float(e.t[k]), event, bool(e.active[k]), self.fast.ring)
             event = self.word.said(event)
         sure = event.probability if event is of_bank else certainty(event)
+        if self._waits(event) or self._in_a_corner(event, tracker):
+            return
         if self._already_reported(event) or (e.active[k] and sure < self.settings.isolated):
             return
         self.reported = event.label, event.channel

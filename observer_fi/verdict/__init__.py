@@ -3,7 +3,7 @@
 from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
-from observer_fi.verdict.isolate import Isolator, log_verdict, tested
+from observer_fi.verdict.isolate import SETTLING, EventTracker, Isolator, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import LEARNABLE, AsLogged
 from observer_fi.verdict.onset import Filters
@@ -13,7 +13,9 @@ from observer_fi.verdict.wrong_rig import describes
 __all__ = [
     "FEWEST_MOVING",
     "LEARNABLE",
+    "SETTLING",
     "AsLogged",
+    "EventTracker",
     "Filters",
     "Isolator",
     "LastWord",

@@ -4,19 +4,17 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from observer_fi.logs import FEWEST_STEPS
+from observer_fi.logs import FEWEST_STEPS, LowPass, told_filter
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.logger.as_logged import AsLogged
-from observer_fi.verdict.logger.low_pass import LowPass
 
 UNITS = ("V", "A", "m")
 MISFIT = 2.0  # times its expected NIS: the model is of another machine
 LOUD = 2.0  # times the noise of the rig file
 COARSE = 2.0  # steps of so many standard deviations hide what is smaller
 LATE = 0.5  # samples
-FAST_HZ = 300.0  # corner of a filter that takes away nothing of what is looked for
 
 
 class Part(NamedTuple):
@@ -37,7 +35,8 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
     own = zip(COLUMNS.items(), UNITS, usual, known.late, known.low_passes, strict=True)
     for (name, column), unit, noise, late, low in own:
         part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late), low)
-        found += [*_of_readings(part, rate_hz), *_of_noise(part), *_of_time(part, rate_hz)]
+        filters = [told_filter(own) for own in known.low_passes.told if own.channel == name]
+        found += [*_of_readings(part, rate_hz), *_of_noise(part), *filters, *_of_time(part, rate_hz)]
     if known.offset:
         found.append(
             f"voltage_v reads {with_unit(known.offset, 'V')} more at rest than current_a explains: taken for zero offsets "
@@ -121,12 +120,6 @@ def _of_noise(part: Part) -> Iterator[str]:
 
 
 def _of_time(part: Part, rate_hz: float) -> Iterator[str]:
-    low = part.low_pass
-    if math.isfinite(low.corner_hz):
-        yield (
-            f"{part.column} comes through a low-pass filter of {digits(low.corner_hz)} Hz, of order {low.order}: taken out of "
-            f"its readings; log it without, or with a corner above {digits(FAST_HZ)} Hz"
-        )
     if part.traits.averaged > 1:
         yield (
             f"{part.column} is a mean of the last {part.traits.averaged} samples: what a fault does to it shows up to "

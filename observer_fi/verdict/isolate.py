@@ -166,7 +166,7 @@ class EventTracker:
                 self.settled = self.final if self.held >= SETTLING else self.settled
                 self.held = 0
             self.held += last - first
-            self.final = p[last - 1]
+            self.final = p[last - 1].copy()  # a stream's next samples stand in the same array
 
     def _at_the_end(self) -> Array | None:
         """The last probabilities in motion; those before it, where another winner came up just as the motion ended."""

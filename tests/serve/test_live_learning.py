@@ -1,10 +1,12 @@
 """A stream learns its logger as it goes: at the first rest, and at the first start, with the verdict of the whole log."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from hidden import draw_move_case, make_log_with
+from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.logs.ingest import log_from_frame
@@ -143,3 +145,27 @@ def test_a_stream_that_begins_in_motion_learns_nothing_and_goes_on() -> None:
     for _ in live.add(table_of(log)[moving:]):
         pass
     assert live.lesson is None and live.as_logged is None and live.samples == log.t.size - moving
+
+
+def behind_a_filter(label: str) -> Log:
+    """A move whose current comes through a filter of 30 Hz."""
+    log = through("ideal", label, 7612)
+    b, a = butter(1, 30.0, fs=log.rate_hz)
+    z = log.z.copy()
+    z[:, 1] = lfilter(b, a, z[:, 1], zi=lfilter_zi(b, a) * z[0, 1])[0]
+    return replace(log, z=z)
+
+
+@pytest.mark.parametrize("label", ["nominal", "coupling_loss"])
+def test_a_filter_before_the_current_is_no_fault(label: str) -> None:
+    """Six changes of verdict in the first 90 ms, all faults, and a sensor fault at the end of a healthy move: now none."""
+    live, told = streamed(behind_a_filter(label))
+    assert live.verdict().label == label
+    assert {what for _, what in told} == {"nominal", label}
+
+
+def test_a_stream_that_ends_in_its_first_start_says_what_it_knows() -> None:
+    log = behind_a_filter("nominal")
+    start = float(log.t[np.flatnonzero(log.w_cmd)[0]])
+    live, told = streamed(log.part(slice(0, int(np.searchsorted(log.t, start + 0.24)))))
+    assert live.lesson is None and all(what == "nominal" for _, what in told)

@@ -8,13 +8,13 @@ from hidden import draw_move_case, make_log_with
 from logged_signals import SIGMA
 
 from observer_fi.logs.ingest import log_from_frame
+from observer_fi.logs.low_pass import LowPass, LowPasses
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, Line
 from observer_fi.settings import Settings
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.logger.lateness import Lateness
-from observer_fi.verdict.logger.low_pass import LowPass, LowPasses
 
 RIG = load_rig()
 NONE, UNFILTERED = Lateness(), LowPasses()

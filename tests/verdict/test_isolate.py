@@ -13,7 +13,7 @@ from observer_fi.physics import LABELS, channel_of, label_of, words_of
 from observer_fi.records import Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict import isolate
-from observer_fi.verdict.isolate import Isolator, Whiteness, log_verdict
+from observer_fi.verdict.isolate import EventTracker, Isolator, Whiteness, log_verdict
 
 MODES = (
     "nominal",
@@ -447,3 +447,14 @@ def test_health_in_place_of_a_first_fault_leaves_the_one_behind_it() -> None:
     first = behind._replace(label="jam", onset_s=0.3, end_s=2.5, then=(behind,))
     assert isolate.healthy(first) == behind._replace(end_s=2.5)
     assert isolate.healthy(first._replace(then=())).label == "nominal"
+
+
+def test_the_arrays_of_an_estimate_may_be_used_again() -> None:
+    """A stream's next samples stand where the last ones stood: the winner before the stop must not become that of the stop."""
+    stop = Part(0.2, "sensor:current", command=0.0, active=False, others=3.0)
+    whole = estimate(Part(0.5), Part(3.0 / RATE, "sensor:current"), stop)
+    tracker, room = EventTracker(MODES, 0.0, SETTINGS), whole.probability[:1].copy()
+    for k in range(whole.t.size):
+        room[:] = whole.probability[k]
+        tracker.add(replace(part_of(whole, k, k + 1), probability=room), window=80)
+    assert tracker.verdict().label == "nominal"

@@ -402,14 +402,6 @@ def test_an_inertia_that_ran_away_is_no_place_to_begin(inertia: float, lost: boo
     assert _is_lost(freed, memory) is lost
 
 
-@pytest.mark.parametrize(("torque", "way"), [(1.0, -1.0), (-1.0, 1.0)])
-def test_a_torque_at_the_end_of_a_motor_that_swings_back_resists_that(torque: float, way: float) -> None:
-    """At the end the motor turns the other way: a friction that follows it has that sign, a load against the move not."""
-    forwards: Any = SimpleNamespace(n=200, direction=lambda first, last: 1.0 if first < 100 else -1.0)
-    path: Any = SimpleNamespace(begin=20, end=None)
-    assert WholeMove.resisted(forwards, path, -torque) == way
-
-
 @pytest.mark.parametrize(
     ("gain", "nis", "failed", "usual"),
     [(190.0, 2.0, 1, True), (190.0, 4.0, 1, False), (2e3, 2.0, 1, False), (190.0, 2.0, -1, False)],

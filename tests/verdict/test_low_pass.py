@@ -6,18 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden import Fault, draw_move_case, make_log
-from hypothesis import given
-from hypothesis import strategies as st
-from logged_signals import RATE, log_of, signal
+from logged_signals import RATE, signal
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.logs.ingest import log_from_frame
+from observer_fi.logs.low_pass import LowPasses
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.logger.as_logged import AsLogged
-from observer_fi.verdict.logger.low_pass import LowPass, LowPasses, Unfiltered
 
 RIG, SETTINGS = load_rig(), BankSettings()
 NOISE = (0.01, 3e-4, 1e-5)
@@ -121,36 +119,5 @@ def test_a_healthy_move_behind_a_filter_is_healthy_and_its_filter_told() -> None
     assert any("current_a comes through a low-pass filter of" in line for line in outcome.warnings)
 
 
-# --- readings without a filter -------------------------------------------------------------------
-
-
-@given(st.floats(2.0, 300.0), st.sampled_from([1, 2]), st.lists(st.integers(1, 60), min_size=1, max_size=4))
-def test_what_went_into_a_filter_comes_back_chunk_by_chunk(hz: float, order: int, cuts: list[int]) -> None:
-    log = signal()
-    now, once, twice = LowPass(hz, order).weights(1.0 / RATE)
-    assert now + once + twice == pytest.approx(1.0)
-    z = log.z.copy()
-    poles = np.array([now, once, twice]) / now
-    z[:, 1] = log.z[0, 1] + lfilter([1.0 / now], poles, log.z[:, 1] - log.z[0, 1])
-    back = Unfiltered(NONE.of((1,), LowPass(hz, order)), 1.0 / RATE)
-    through = replace(log, z=z)
-    edges = [0, *np.cumsum(cuts).tolist(), log.t.size]
-    parts = [
-        back.take(through.part(slice(a, b))).z for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a
-    ]
-    np.testing.assert_allclose(np.concatenate(parts), log.z, rtol=1e-6, atol=1e-9)
-
-
-def test_behind_a_gap_nothing_is_known() -> None:
-    log = signal()
-    kept = np.ones(log.t.size, dtype=bool)
-    kept[100:110] = False
-    gap = log_of(log.t[kept], log.z[kept])
-    out = Unfiltered(NONE.of((1,), LowPass(30.0, 2)), 1.0 / RATE).take(gap).z
-    assert np.flatnonzero(np.isnan(out[:, 1])).tolist() == [100, 101] and np.isfinite(out[:, [0, 2]]).all()
-
-
-def test_without_a_filter_nothing_is_touched() -> None:
-    log = signal()
-    assert Unfiltered(NONE, 1.0 / RATE).take(log) is log
-    assert AsLogged(log, RIG, SETTINGS).low_passes == NONE
+def test_an_ideal_log_is_taken_as_it_is() -> None:
+    assert AsLogged(signal(), RIG, SETTINGS).low_passes == NONE

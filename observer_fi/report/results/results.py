@@ -13,7 +13,7 @@ import pandas as pd
 
 from observer_fi import learn
 from observer_fi.improve import Improvement
-from observer_fi.logs import with_logger
+from observer_fi.logs import filtered_logger, told_filter, with_logger
 from observer_fi.numerics import digits, with_error, with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Event, Fit, Log, Outcome
@@ -175,7 +175,8 @@ class Identification(Result):
     def rig(self) -> Rig:
         """The rig with the values that were learned."""
         learned = with_logger(learn.identified_rig(self.fit, self.before), self.logs)
-        return learn.with_equation_errors(learned, self.logs)
+        learned = filtered_logger(learned, self.fit.filters)
+        return learn.with_equation_errors(learned, self.logs, self.fit.filters)
 
     @property
     def headline(self) -> str:
@@ -186,6 +187,11 @@ class Identification(Result):
         )
 
     verdict = headline
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Filters that the logger has before its readings."""
+        return tuple(map(told_filter, self.fit.filters))
 
     def paragraphs(self) -> tuple[str, ...]:
         """Each parameter with its standard error and what it was before; what cannot be told, and why."""
@@ -233,6 +239,11 @@ class Improved(Result):
         return learning_report.improve_headline(self.record)
 
     verdict = headline
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Filters that were taken out of the readings."""
+        return tuple(map(told_filter, self.record.filters))
 
     def paragraphs(self) -> tuple[str, ...]:
         """Each finding with its size and its gain on moves that no fit saw, and what would tell it from its rivals."""

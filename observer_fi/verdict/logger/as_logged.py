@@ -11,13 +11,21 @@ from functools import partial
 import numpy as np
 
 from observer_fi.bank import REPEATING, between_samples
-from observer_fi.logs import FEWEST_AT_REST, Readings, acquisition_of, even
+from observer_fi.logs import (
+    FEWEST_AT_REST,
+    LowPasses,
+    Readings,
+    Unfiltered,
+    acquisition_of,
+    even,
+    with_low_passes,
+)
 from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
-from observer_fi.verdict.logger.low_pass import LowPasses, Unfiltered, low_passes_of
+from observer_fi.verdict.logger.low_pass import low_passes_of
 from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
 from observer_fi.verdict.testable import for_readings
@@ -44,8 +52,8 @@ class AsLogged:
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
         log = Unfiltered(self.low_passes, self.interval).take(log)
-        measured = _told_filters(acquisition_of(log, rig.file_noise_std), self.low_passes)
-        self.acquisition = _commanded(_of(measured, rig.logger), log, rig)
+        measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
+        self.acquisition = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
@@ -163,15 +171,6 @@ def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:
         old if math.isnan(new.neighbour_std) and math.isfinite(old.noise_std) else new for new, old in pairs
     )
     return Acquisition(voltage, current, position, measured.clock)
-
-
-def _told_filters(a: Acquisition, filters: LowPasses) -> Acquisition:
-    """The acquisition with the corners of the filters that were taken out."""
-    corners = [own.corner_hz if math.isfinite(own.corner_hz) else None for own in filters]
-    voltage, current, position = (
-        traits._replace(low_pass_hz=hz) for traits, hz in zip(a[:3], corners, strict=True)
-    )
-    return Acquisition(voltage, current, position, a.clock)
 
 
 def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:

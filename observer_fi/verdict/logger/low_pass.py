@@ -1,19 +1,25 @@
-"""Low-pass filters that a logger puts before its readings, told at the first start of a log, and readings without them.
+"""Low-pass filters that a logger puts before its readings, told at the first start of a log.
 
-A clamp, an amplifier or an anti-aliasing filter lets a current come after the motion that it causes: no hypothesis knows that,
-and a sensor fault explains it best. The motion of nominal tells the corner where no fault explains the start as well. What is
-taken out is a filter without zeros, of order one or of Butterworth's second; noise that comes after it grows by that.
+The motion of nominal tells the corner where no fault explains the start as well. `logs.low_pass` has the filters and readings
+without them.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import Readings, channel_traits, clock_of, rests_for_noise
+from observer_fi.logs import (
+    LowPass,
+    LowPasses,
+    Readings,
+    Unfiltered,
+    channel_traits,
+    clock_of,
+    rests_for_noise,
+)
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 from observer_fi.settings import BankSettings
@@ -43,82 +49,6 @@ FINER = (
 CHANNELS = ((1,), (2,), (0,), (0, 1), (0, 1, 2))  # that may have the same filter: current, position, voltage
 ORDERS = (1, 2)
 BEGIN = 8  # samples until a filter of the bank has found its state
-GAP = 1.5  # intervals between two samples from which one is missing
-
-
-class LowPass(NamedTuple):
-    """A filter before the readings of one channel. corner_hz: infinite where there is none; order: one, or Butterworth's two.
-
-    late: samples by which it is later than that; `lateness` measures them anew.
-    """
-
-    corner_hz: float = math.inf
-    order: int = 1
-    late: float = 0.0
-
-    @property
-    def delay_s(self) -> float:
-        """By which what is slow comes later."""
-        return (1.0 if self.order == 1 else math.sqrt(2.0)) / (2.0 * math.pi * self.corner_hz)
-
-    def weights(self, interval: float) -> tuple[float, float, float]:
-        """By which a reading, the one before and that before it make what went into the filter; their sum is 1."""
-        if math.isinf(self.corner_hz):
-            return 1.0, 0.0, 0.0
-        reach = 2.0 * math.pi * self.corner_hz * interval
-        if self.order == 1:
-            once, twice = math.exp(-reach), 0.0
-        else:
-            part = reach / math.sqrt(2.0)
-            once, twice = 2.0 * math.exp(-part) * math.cos(part), -math.exp(-2.0 * part)
-        rest = 1.0 - once - twice
-        return 1.0 / rest, -once / rest, -twice / rest
-
-
-class LowPasses(NamedTuple):
-    """The filters before voltage, current and position."""
-
-    voltage: LowPass = LowPass()
-    current: LowPass = LowPass()
-    position: LowPass = LowPass()
-
-    @property
-    def any(self) -> bool:
-        """Whether there is one."""
-        return any(math.isfinite(own.corner_hz) for own in self)
-
-    def of(self, channels: tuple[int, ...], own: LowPass) -> "LowPasses":
-        """The same with another filter before some channels."""
-        return LowPasses(*(own if c in channels else kept for c, kept in enumerate(self)))
-
-
-class Unfiltered:
-    """What went into the filters of one log, chunk by chunk. interval: of samples [s]."""
-
-    def __init__(self, filters: LowPasses, interval: float) -> None:
-        self.filters, self.interval = filters, interval
-        self.before = np.full((2, 3), np.nan)
-        self.time = math.nan
-
-    def take(self, log: Log) -> Log:
-        """The next chunk; before the first sample the readings were what that one is, and behind a gap none is known."""
-        if not self.filters.any or not log.t.size:
-            return log
-        if math.isnan(self.time):
-            self.before[:] = log.z[0]
-        apart = np.diff(np.append(self.time, log.t)) > GAP * self.interval
-        known = np.vstack((self.before, log.z))
-        out = log.z.copy()
-        for c, own in enumerate(self.filters):
-            if math.isfinite(own.corner_hz):
-                now, once, twice = own.weights(self.interval)
-                out[:, c] = now * known[2:, c] + once * known[1:-1, c]
-                out[:, c] += twice * known[:-2, c] if own.order > 1 else 0.0
-                out[apart, c] = np.nan
-                if own.order > 1:
-                    out[1:, c][apart[:-1]] = np.nan
-        self.before, self.time = known[-2:].copy(), float(log.t[-1])
-        return replace(log, z=out)
 
 
 def low_passes_of(

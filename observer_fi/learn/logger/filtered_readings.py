@@ -1,0 +1,59 @@
+"""The readings of a model as they come through a low-pass filter: order one, or Butterworth's two, of an amplifier or a clamp.
+
+A fit compares them with the readings as they were logged. Noise that comes after a filter stays what it is, which no filter
+that is taken out of the readings can say.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from observer_fi.learn.gauss_newton import Free
+from observer_fi.logs import LowPass, LowPasses
+from observer_fi.records import Array
+
+TIME, LATE = "low_pass_s", "low_pass_late_s"
+NAMES = (TIME, LATE)
+_FINE = 0.02  # share of the rows that stand nearer than those of a filter's grid: transients have more than there are samples
+
+
+class Through(NamedTuple):
+    """The same filter before some channels (0 voltage, 1 current, 2 position); order: one, two, or none, which only delays."""
+
+    channels: tuple[int, ...]
+    order: int
+
+    def taken(self, t: Array, y: Array, values: Mapping[str, float]) -> Array:
+        """Readings (n, 3) of one move at times (n,) [s], from a rest on, with the filter's channels behind it."""
+        step = float(np.quantile(np.diff(t), _FINE)) if t.size > 1 else 1.0
+        grid = np.arange(t[0], t[-1] + step, step)
+        out = y.copy()
+        for c in self.channels:
+            rest = y[0, c]
+            even = np.interp(grid, t, y[:, c]) - rest
+            out[:, c] = rest + np.interp(t - values[LATE], grid, self._filtered(even, step, values[TIME]))
+        return out
+
+    def _filtered(self, even: Array, step: float, time: float) -> Array:
+        if not self.order:
+            return even
+        poles = [time, 1.0] if self.order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
+        b, a, _ = cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
+        return np.asarray(lfilter(np.ravel(b), np.ravel(a), even))
+
+    def free(self, interval: float) -> list[Free]:
+        """Time constant and delay as parameters of a fit. interval: of samples [s], which a delay is about, or less."""
+        if not self.order:
+            return [Free(LATE, 0.02 * interval, -32.0 * interval, 32.0 * interval)]
+        late = Free(LATE, 0.02 * interval, -4.0 * interval, 4.0 * interval, 0.0, interval)
+        return [Free(TIME, 0.01 * interval, 0.1 * interval, 100.0 * interval), late]
+
+    def told(self, values: Mapping[str, float], interval: float) -> LowPasses:
+        """The filters that these values are, of samples with an interval [s]."""
+        if not self.order:
+            return LowPasses()
+        own = LowPass(1.0 / (2.0 * math.pi * values[TIME]), self.order)
+        return LowPasses().of(self.channels, own._replace(late=own.left(interval) + values[LATE] / interval))

@@ -1,0 +1,122 @@
+"""Which low-pass filter the logger of a campaign puts before its readings, told by fits of the starts of its first moves.
+
+A current that comes through a clamp of 30 Hz makes constants 10 to 150 % wrong, with small standard errors. No constants are
+known yet, so that each filter is tried with those that then fit best. Only what no other constants explain is a filter, and
+only where readings then are explained about as well as their noise lets.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer_fi.learn.gauss_newton import Free, Point
+from observer_fi.learn.joint_likelihood import JointFit, Part, best_point
+from observer_fi.learn.logger.filtered_readings import TIME, Through
+from observer_fi.learn.move_data import Experiment, select
+from observer_fi.physics import Model
+from observer_fi.records import Array
+
+# Channels that may have the same filter: current, voltage and current. A filter before the position changes no constant, and
+# one before all looks like a servo that is later.
+GROUPS = ((1,), (0, 1), (0,))
+TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
+LOOKED_AT = 1.6  # mean square of the normalised residuals of a channel: less leaves nothing for a filter
+NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
+LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
+CLIMBED = 2  # first fits that are looked at closer
+MOVES, AFTER_S = 2, 0.25  # of a campaign, and of each from its start on
+
+
+class Tried(NamedTuple):
+    """A filter, None for no filter, and the fit with it."""
+
+    through: Through | None
+    point: Point
+
+
+def needed(fitted: JointFit) -> bool:
+    """Whether a fit leaves what a filter might explain."""
+    return max(_misfit(r) for r in fitted.residuals) > LOOKED_AT
+
+
+def filter_of(
+    parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
+) -> tuple[Through, dict[str, float]] | None:
+    """The filter of a campaign and the values that fit with it, None where none is told. values: from which fits begin."""
+    starts = _starts(parts)
+    trial = _Trial(starts, plant, free, values)
+    none = trial.tried(None, 0.0)
+    before = _misfit(none.point.residuals)
+    if before < LOOKED_AT:
+        return None
+    delayed = [trial.tried(Through(channels, 0), 0.0) for channels in GROUPS]
+    first = [trial.tried(Through(channels, 1), time) for channels in GROUPS for time in TIMES]
+    first.sort(key=_cost)
+    second = [trial.again(one, 2) for one in first[:CLIMBED]]
+    best = min(first + second, key=_cost)
+    rival = min(none, *delayed, key=_cost)
+    if best.through is None or _cost(best) > _cost(rival) - NOTICED_NATS:
+        return None
+    left = _misfit(best.point.residuals)
+    return (best.through, best.point.values) if left - 1.0 < LEFT * (before - 1.0) else None
+
+
+def _cost(one: Tried) -> float:
+    return one.point.objective
+
+
+def _misfit(r: Array) -> float:
+    """Largest mean square of a channel's normalised residuals (n, 3), of those that count."""
+    counted = np.maximum((r != 0.0).sum(axis=0), 1)
+    return float(((r**2).sum(axis=0) / counted).max())
+
+
+class _Trial:
+    """Fits of the same starts with one filter or another."""
+
+    def __init__(
+        self, starts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
+    ) -> None:
+        self.starts, self.plant, self.free, self.values = starts, plant, free, values
+        self.interval = float(np.median(np.diff(starts[0].experiment.t[starts[0].experiment.weight.any(1)])))
+
+    def tried(self, through: Through | None, samples: float) -> Tried:
+        """The fit with a filter, from a time constant of so many samples on."""
+        return self._from(through, {**self.values, TIME: samples * self.interval})
+
+    def again(self, one: Tried, order: int) -> Tried:
+        """The fit with a filter of the same channels, from where that of another one ended."""
+        assert one.through is not None
+        return self._from(one.through._replace(order=order), one.point.values)
+
+    def _from(self, through: Through | None, values: Mapping[str, float]) -> Tried:
+        parts = [part._replace(through=through) for part in self.starts]
+        more = through.free(self.interval) if through else []
+        begun = {**{f.name: f.prior for f in more}, **values}
+        return Tried(through, best_point(parts, self.plant, [*self.free, *more], begun))
+
+
+def _starts(parts: Sequence[Part]) -> list[Part]:
+    """The first moves of some logs, from their starts until the loop has settled."""
+    taken: list[Part] = []
+    left = MOVES
+    for part in parts:
+        chosen = range(min(part.experiment.moves, left))
+        left -= len(chosen)
+        if chosen:
+            taken.append(part._replace(experiment=_begin(select(part.experiment, list(chosen)))))
+    return taken
+
+
+def _begin(experiment: Experiment) -> Experiment:
+    """Each move from its start until the loop has settled."""
+    first = experiment.t[experiment.bounds[:-1]]
+    kept = experiment.t - np.repeat(first, np.diff(experiment.bounds)) < AFTER_S
+    sizes = np.add.reduceat(kept, experiment.bounds[:-1])
+    return replace(
+        experiment,
+        **{name: getattr(experiment, name)[kept] for name in ("t", "theta", "z", "weight", "fine", "phase")},
+        bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
+    )

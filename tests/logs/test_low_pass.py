@@ -1,0 +1,80 @@
+"""Readings without a filter are what went into it, chunk by chunk and as a whole log; a rig file carries its corner."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from logged_signals import RATE, log_of, signal
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from observer_fi.logs.acquisition import with_logger
+from observer_fi.logs.low_pass import LowPass, LowPasses, Unfiltered, filtered_logger, told_filter, unfiltered
+from observer_fi.physics.rigs import load_rig, rig_toml
+from observer_fi.records import Filter
+
+NONE = LowPasses()
+
+
+@given(st.floats(2.0, 300.0), st.sampled_from([1, 2]), st.lists(st.integers(1, 60), min_size=1, max_size=4))
+def test_what_went_into_a_filter_comes_back_chunk_by_chunk(hz: float, order: int, cuts: list[int]) -> None:
+    log = signal()
+    now, once, twice = LowPass(hz, order).weights(1.0 / RATE)
+    assert now + once + twice == pytest.approx(1.0)
+    z = log.z.copy()
+    poles = np.array([now, once, twice]) / now
+    z[:, 1] = log.z[0, 1] + lfilter([1.0 / now], poles, log.z[:, 1] - log.z[0, 1])
+    back = Unfiltered(NONE.of((1,), LowPass(hz, order)), 1.0 / RATE)
+    through = replace(log, z=z)
+    edges = [0, *np.cumsum(cuts).tolist(), log.t.size]
+    parts = [
+        back.take(through.part(slice(a, b))).z for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a
+    ]
+    np.testing.assert_allclose(np.concatenate(parts), log.z, rtol=1e-6, atol=1e-9)
+
+
+def test_behind_a_gap_nothing_is_known() -> None:
+    log = signal()
+    kept = np.ones(log.t.size, dtype=bool)
+    kept[100:110] = False
+    gap = log_of(log.t[kept], log.z[kept])
+    out = Unfiltered(NONE.of((1,), LowPass(30.0, 2)), 1.0 / RATE).take(gap).z
+    assert np.flatnonzero(np.isnan(out[:, 1])).tolist() == [100, 101] and np.isfinite(out[:, [0, 2]]).all()
+
+
+def test_without_a_filter_nothing_is_touched() -> None:
+    log = signal()
+    assert Unfiltered(NONE, 1.0 / RATE).take(log) is log
+    assert unfiltered(log, ()) is log
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_whole_log_is_set_right_in_time(order: int) -> None:
+    """Behind a filter that is slow for its samples, such as an amplifier's, what is left is within a percent of the signal."""
+    log = signal()
+    b, a = butter(order, 30.0, fs=RATE)
+    smooth = np.sin(2.0 * np.pi * 8.0 * log.t)
+    z = log.z.copy()
+    z[:, 1] = lfilter(b, a, smooth, zi=lfilter_zi(b, a) * smooth[0])[0]
+    own = LowPass(30.0, order)
+    back = unfiltered(replace(log, z=z), (Filter("current", 30.0, order, own.left(1.0 / RATE)),)).z[:, 1]
+    inside = slice(100, -10)
+    np.testing.assert_allclose(back[inside], smooth[inside], atol=0.01)
+    np.testing.assert_array_equal(
+        unfiltered(replace(log, z=z), (Filter("current", 30.0, order),)).z[:, [0, 2]], z[:, [0, 2]]
+    )
+
+
+def test_a_rig_file_carries_the_corner(tmp_path: Path) -> None:
+    rig = load_rig()
+    told = (Filter("current", 30.0, 1, 0.5),)
+    assert filtered_logger(rig, told) is rig
+    learned = filtered_logger(with_logger(rig, [signal()]), told)
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_toml(learned))
+    again = load_rig(path)
+    assert again.logger is not None and again.logger.current.low_pass_hz == 30.0
+    assert again.logger.voltage.low_pass_hz is None
+    assert told_filter(told[0]).startswith("current_a comes through a low-pass filter of 30 Hz, of order 1")
