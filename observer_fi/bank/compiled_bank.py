@@ -25,7 +25,7 @@ from observer_fi.bank.bank_state import (
     visits_of,
     write_state,
 )
-from observer_fi.bank.first_state import first_readings, start
+from observer_fi.bank.first_state import first_readings, held_at_first, start
 from observer_fi.bank.hypotheses import MOTION, Hypothesis, arrays, bank
 from observer_fi.bank.imm import mix, posterior
 from observer_fi.bank.log_feed import CommandStream, LogStream
@@ -341,7 +341,7 @@ class Bank:
         log, own = self.samples.take(log)
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
         if self.state is None:
-            self.state = self.start(first_readings(log.z), w_cmd[0])
+            self.state = self.start(log.z, w_cmd, log.pitch)
         active = under_way(interval, w_cmd, log.t, self.state.t[0], self.soft)
         now = LogSamples(log.t, interval, w_cmd, log.pitch, log.z, active)
         n, out = log.t.size, written(log.t.size, len(self.hypotheses))
@@ -355,7 +355,7 @@ class Bank:
 
     def again(self, samples: LogSamples, memory: HypothesisState) -> Estimate:
         """Estimate of samples at hand, of a bank that begins with what the first hypothesis of another remembers before them."""
-        self.state = self.start(first_readings(samples.z), samples.w_cmd[0])
+        self.state = self.start(samples.z, samples.w_cmd, samples.theta)
         self.state.z[:], self.state.t[:], self.state.stopped[:] = memory.z, memory.t, memory.stopped
         for row, seat in enumerate(self.seats):
             there, same = (
@@ -381,9 +381,13 @@ class Bank:
         names = tuple(h.name for h in self.hypotheses)
         return Estimate(feed.t, names, *out[:5], feed.active, *out[5:])
 
-    def start(self, z0: Array, command0: float) -> BankState:
-        """The memory before the first sample (see `beginning.start`)."""
-        return bank_state_of(self.rows, start(self.hypotheses, self.arrays, z0, command0, self.rig.watched))
+    def start(self, z: Array, w_cmd: Array, theta: Array) -> BankState:
+        """The memory before the first of some samples (see `first_state.start`)."""
+        held = held_at_first(z, w_cmd, theta, self.arrays.noise)
+        first = first_readings(z)
+        return bank_state_of(
+            self.rows, start(self.hypotheses, self.arrays, first, w_cmd[0], self.rig.watched, held)
+        )
 
     def memory(self) -> "Bank":
         """This bank as an onset sees it now, whatever `advance` does later."""

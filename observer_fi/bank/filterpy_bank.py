@@ -23,7 +23,7 @@ from observer_fi.bank import transition as tr
 from observer_fi.bank import ukf as unscented
 from observer_fi.bank.bank_state import UNLIKELY
 from observer_fi.bank.compiled_bank import soft_stop, under_way
-from observer_fi.bank.first_state import first_readings, start
+from observer_fi.bank.first_state import first_readings, held_at_first, start
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
@@ -498,7 +498,7 @@ class FilterpyBank:
         """Estimate of the next samples (see Estimate for shapes); the same whether a log comes whole or in chunks."""
         log, own = self.samples.take(log)
         w_cmd, interval = self.commands.intervals(log.t, log.w_cmd)
-        imm = self._begin(log, w_cmd[0]) if self.imm is None else self.imm
+        imm = self._begin(log, w_cmd) if self.imm is None else self.imm
         active = under_way(interval, w_cmd, log.t, self.t, self.soft)
         n, m = log.t.size, len(self.filters)
         mu, nis, y = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, 3))
@@ -521,10 +521,11 @@ class FilterpyBank:
         names = tuple(h.name for h in self.hypotheses)
         return Estimate(log.t, names, mu, nis, y, seen, states, active, density, strain).at(own)
 
-    def _begin(self, log: Log, command0: float) -> LogIMM:
+    def _begin(self, log: Log, w_cmd: Array) -> LogIMM:
+        held = held_at_first(log.z, w_cmd, log.pitch, self.arrays.noise)
         for f, first in zip(
             self.filters,
-            start(self.hypotheses, self.arrays, first_readings(log.z), command0, self.rig.watched),
+            start(self.hypotheses, self.arrays, first_readings(log.z), w_cmd[0], self.rig.watched, held),
             strict=True,
         ):
             f.x, f.P, f.slow, f.bias = first.x, first.P, first.slow, first.bias

@@ -1,11 +1,14 @@
 """What the hypotheses of a bank believe before its first sample."""
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.bank_state import HypothesisState
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.physics import Drive, speed
+from observer_fi.physics import Drive, equations, speed
 from observer_fi.records import Array
 
 START_ROWS, START_READINGS = (
@@ -13,14 +16,42 @@ START_ROWS, START_READINGS = (
     5,
 )  # samples looked at for the first readings of a channel, and how many count
 REST_VARIANCE = tr.REST_VARIANCE
+SURELY_HELD = -25.0  # standard deviations beyond which the tail of a normal distribution is its own bound
+
+
+class Held(NamedTuple):
+    """A motor that stood under a current [A], known to so much [A], at a pitch [deg]."""
+
+    current: float
+    std: float
+    theta: float
+
+
+def held_at_first(z: Array, w_cmd: Array, theta: Array, noise: Array) -> Held | None:
+    """What friction held before the first command, None where the log begins under way or shows too little of its rest.
+
+    z (n, 3), w_cmd (n,), theta (n,): the first samples; noise (3,): variances of the channels.
+    """
+    rows = min(START_ROWS, len(z))
+    still = int(np.argmax(w_cmd[:rows] != 0.0)) if (w_cmd[:rows] != 0.0).any() else rows
+    current = z[:still, 1][np.isfinite(z[:still, 1])]
+    if current.size < START_READINGS:
+        return None
+    return Held(float(current.mean()), math.sqrt(noise[1] / current.size), float(theta[0]))
 
 
 def start(
-    hypotheses: tuple[Hypothesis, ...], b: BankArrays, z0: Array, command0: float, drive: Drive
+    hypotheses: tuple[Hypothesis, ...],
+    b: BankArrays,
+    z0: Array,
+    command0: float,
+    drive: Drive,
+    held: Held | None = None,
 ) -> list[HypothesisState]:
     """Each hypothesis before its first sample: at rest, or turning at the command, where the sensors say.
 
     z0: (3,) first finite reading of each channel (NaN where there is none). What drives the motor is what its drive says.
+    held: what its friction has held.
     """
     z, out = np.where(np.isfinite(z0), z0, 0.0), []
     for j, h in enumerate(hypotheses):
@@ -34,6 +65,9 @@ def start(
             tr.slow_at_rest(b.parameters[j]),
             np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0]),
         )
+        if held is not None and "A" in h.states:
+            at = h.states.index("A")
+            x[at], var[at] = _friction_that_held(x[at], var[at], held, b.parameters[j])
         slow[tr.LAGGED], slow[tr.PHI] = rest.c, _whole_turns(z[2], model["D"])
         out.append(
             HypothesisState(
@@ -42,6 +76,30 @@ def start(
             )
         )  # fmt: skip
     return out
+
+
+def _friction_that_held(mean: float, var: float, held: Held, p: Array) -> tuple[float, float]:
+    """Mean and variance of the factor of A, which is no less than what it held; how much more is open.
+
+    The moments of a normal prior under the chance that a threshold in doubt was not reached (probit; Rasmussen and Williams 2006,
+    equations 3.84 to 3.87). A filter that begins below the friction that holds would see the motor creep, and learn a friction.
+    """
+    usual = float(p[equations.A])
+    if usual <= 0.0:
+        return mean, var
+    push = float(p[equations.KM]) * held.current - float(
+        equations.load_torque(0.0, 0.0, 0.0, 0.0, held.theta, p)
+    )
+    push -= float(p[equations.FRICTION_ASYMMETRY])
+    rest = float(equations.friction(0.0, 0.0, held.theta, p)) - usual
+    least, doubt = (abs(push) - rest) / usual, float(p[equations.KM]) * held.std / usual
+    wide = math.sqrt(var + doubt * doubt)
+    if wide == 0.0:
+        return mean, var
+    z = (mean - least) / wide
+    density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    ratio = density / (0.5 * math.erfc(-z / math.sqrt(2.0))) if z > SURELY_HELD else -z
+    return mean + var * ratio / wide, max(var - var * var * ratio * (z + ratio) / wide**2, 0.0)
 
 
 def _whole_turns(x: float, per_rad: float) -> float:

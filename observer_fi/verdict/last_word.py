@@ -387,9 +387,18 @@ class LastWord:
         """
         first = int(np.searchsorted(whole.window.t, start_s))
         if whole.window.t[path.begin] - start_s < CLEAN_S:
-            fits = path.nis <= WELL * whole.expected(path.hypothesis)
+            fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path)
             return fits and whole.lasts(path) and path.later >= FAR * self.settings.move_nats
         return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
+
+    def _is_of_the_rig(self, path: Path) -> bool:
+        """Whether a friction that was up from the start on is one that a rig of the rig file may have."""
+        rises = [own for own in path.hypothesis.own if own.of_friction]
+        if path.hypothesis.label != "jam" or not rises:
+            return False
+        usual, friction = self.rig.model["A"], self._friction(path)[0]
+        most = self.settings.strain_limit * self.rig.spread("A")
+        return (friction + constant(path, rises[0])[0]) / usual - 1.0 < most
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""

@@ -1,0 +1,72 @@
+"""What a bank believes before its first sample: the friction of a motor that stands is no less than what it holds."""
+
+from dataclasses import replace
+
+import hidden
+import numpy as np
+import pytest
+
+from observer_fi.bank import arrays, bank
+from observer_fi.bank.first_state import START_ROWS, first_readings, held_at_first, start
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+
+RIG, SETTINGS = load_rig(), Settings()
+HYPOTHESES = bank(RIG, SETTINGS.bank)
+MADE = arrays(HYPOTHESES, RIG, SETTINGS.bank)
+SPREAD = RIG.spread("A")
+
+
+def friction(current: float, theta: float = 0.0) -> tuple[float, float]:
+    """Mean and standard deviation of the factor of A that nominal begins with under a held current [A]."""
+    z, still = np.tile([0.0, current, 0.0], (START_ROWS, 1)), np.zeros(START_ROWS)
+    held = held_at_first(z, still, np.full(START_ROWS, theta), MADE.noise)
+    first = start(HYPOTHESES, MADE, first_readings(z), 0.0, RIG.watched, held)[0]
+    at = HYPOTHESES[0].states.index("A")
+    return float(first.x[at]), float(np.sqrt(first.P[at, at]))
+
+
+@pytest.mark.parametrize("share", [-1.25, -0.9, 0.0, 0.5, 0.95, 1.1, 1.3, 2.0])
+@pytest.mark.parametrize("theta", [0.0, 3.0])
+def test_it_is_the_prior_cut_at_what_friction_holds(share: float, theta: float) -> None:
+    """Against the integral over the prior, the current in doubt by its noise."""
+    model = RIG.model
+    current = (share * model["A"] + model["B"] * theta) / model["Km"]
+    doubt = model["Km"] * np.sqrt(MADE.noise[1] / START_ROWS) / model["A"]
+    a = np.linspace(1.0 - 4.0 * SPREAD, 3.0, 400_001)
+    with np.errstate(under="ignore"):
+        log = -0.5 * ((a - 1.0) / SPREAD) ** 2 + np.log(_below((a - abs(share)) / doubt))
+    weight = np.exp(log - log.max())
+    mean = float((a * weight).sum() / weight.sum())
+    std = float(np.sqrt(((a - mean) ** 2 * weight).sum() / weight.sum()))
+    assert friction(current, theta) == pytest.approx((mean, std), rel=2e-3, abs=2e-4)
+
+
+def _below(x: np.ndarray) -> np.ndarray:
+    """The normal distribution function, by its integral."""
+    grid = np.linspace(-40.0, 40.0, 800_001)
+    total = np.cumsum(np.exp(-0.5 * grid**2)) * (grid[1] - grid[0]) / np.sqrt(2.0 * np.pi)
+    return np.maximum(np.interp(x, grid, total), 1e-300)
+
+
+def test_a_log_that_begins_under_way_tells_nothing_of_it() -> None:
+    z, way = np.zeros((START_ROWS, 3)), np.full(START_ROWS, 100.0)
+    assert held_at_first(z, way, np.zeros(START_ROWS), MADE.noise) is None
+    assert (
+        held_at_first(np.full((START_ROWS, 3), np.nan), 0.0 * way, np.zeros(START_ROWS), MADE.noise) is None
+    )
+
+
+@pytest.mark.parametrize("shape", ["sine", "without_rests"])
+def test_a_motor_that_holds_more_than_the_rig_file_says_is_healthy(shape: str) -> None:
+    """Friction 20 % above the rig file and a held current near it: the bank saw the motor creep, and gravity paid for it."""
+    spec = hidden.draw_severity_case(130013, "nominal", shape)
+    assert 1.15 * RIG.model["A"] < spec.rig.A
+    found = diagnose_log(log_from_frame(hidden.make_log(spec, 130013)[0]), RIG, SETTINGS).isolation
+    assert found is not None and found.verdict.label == "nominal"
+    assert found.consistency.nis_mean < 1.05 * found.consistency.nis_expected
+    quiet = replace(spec, start_integral_rad=0.0)
+    found = diagnose_log(log_from_frame(hidden.make_log(quiet, 130013)[0]), RIG, SETTINGS).isolation
+    assert found is not None and found.verdict.label == "nominal"
