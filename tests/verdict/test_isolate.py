@@ -456,5 +456,5 @@ def test_the_arrays_of_an_estimate_may_be_used_again() -> None:
     tracker, room = EventTracker(MODES, 0.0, SETTINGS), whole.probability[:1].copy()
     for k in range(whole.t.size):
         room[:] = whole.probability[k]
-        tracker.add(replace(part_of(whole, k, k + 1), probability=room), window=80)
+        tracker.add(replace(part_of(whole, k, k + 1), probability=room), 1.0 / RATE)
     assert tracker.verdict().label == "nominal"
