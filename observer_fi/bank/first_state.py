@@ -15,6 +15,7 @@ START_ROWS, START_READINGS = (
     64,
     5,
 )  # samples looked at for the first readings of a channel, and how many count
+HELD_ROWS = 10  # samples of the current that friction holds: as many as any first chunk has
 REST_VARIANCE = tr.REST_VARIANCE
 SURELY_HELD = -25.0  # standard deviations beyond which the tail of a normal distribution is its own bound
 
@@ -32,7 +33,7 @@ def held_at_first(z: Array, w_cmd: Array, theta: Array, noise: Array) -> Held | 
 
     z (n, 3), w_cmd (n,), theta (n,): the first samples; noise (3,): variances of the channels.
     """
-    rows = min(START_ROWS, len(z))
+    rows = min(HELD_ROWS, len(z))
     still = int(np.argmax(w_cmd[:rows] != 0.0)) if (w_cmd[:rows] != 0.0).any() else rows
     current = z[:still, 1][np.isfinite(z[:still, 1])]
     if current.size < START_READINGS:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from observer_fi.bank import arrays, bank
-from observer_fi.bank.first_state import START_ROWS, first_readings, held_at_first, start
+from observer_fi.bank.first_state import HELD_ROWS, first_readings, held_at_first, start
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
 from observer_fi.settings import Settings
@@ -21,8 +21,8 @@ SPREAD = RIG.spread("A")
 
 def friction(current: float, theta: float = 0.0) -> tuple[float, float]:
     """Mean and standard deviation of the factor of A that nominal begins with under a held current [A]."""
-    z, still = np.tile([0.0, current, 0.0], (START_ROWS, 1)), np.zeros(START_ROWS)
-    held = held_at_first(z, still, np.full(START_ROWS, theta), MADE.noise)
+    z, still = np.tile([0.0, current, 0.0], (HELD_ROWS, 1)), np.zeros(HELD_ROWS)
+    held = held_at_first(z, still, np.full(HELD_ROWS, theta), MADE.noise)
     first = start(HYPOTHESES, MADE, first_readings(z), 0.0, RIG.watched, held)[0]
     at = HYPOTHESES[0].states.index("A")
     return float(first.x[at]), float(np.sqrt(first.P[at, at]))
@@ -34,7 +34,7 @@ def test_it_is_the_prior_cut_at_what_friction_holds(share: float, theta: float) 
     """Against the integral over the prior, the current in doubt by its noise."""
     model = RIG.model
     current = (share * model["A"] + model["B"] * theta) / model["Km"]
-    doubt = model["Km"] * np.sqrt(MADE.noise[1] / START_ROWS) / model["A"]
+    doubt = model["Km"] * np.sqrt(MADE.noise[1] / HELD_ROWS) / model["A"]
     a = np.linspace(1.0 - 4.0 * SPREAD, 3.0, 400_001)
     with np.errstate(under="ignore"):
         log = -0.5 * ((a - 1.0) / SPREAD) ** 2 + np.log(_below((a - abs(share)) / doubt))
@@ -52,11 +52,9 @@ def _below(x: np.ndarray) -> np.ndarray:
 
 
 def test_a_log_that_begins_under_way_tells_nothing_of_it() -> None:
-    z, way = np.zeros((START_ROWS, 3)), np.full(START_ROWS, 100.0)
-    assert held_at_first(z, way, np.zeros(START_ROWS), MADE.noise) is None
-    assert (
-        held_at_first(np.full((START_ROWS, 3), np.nan), 0.0 * way, np.zeros(START_ROWS), MADE.noise) is None
-    )
+    z, way = np.zeros((HELD_ROWS, 3)), np.full(HELD_ROWS, 100.0)
+    assert held_at_first(z, way, np.zeros(HELD_ROWS), MADE.noise) is None
+    assert held_at_first(np.full((HELD_ROWS, 3), np.nan), 0.0 * way, np.zeros(HELD_ROWS), MADE.noise) is None
 
 
 @pytest.mark.parametrize("shape", ["sine", "without_rests"])
