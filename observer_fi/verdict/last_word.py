@@ -44,7 +44,7 @@ from observer_fi.verdict.moves.whole_move import (
 from observer_fi.verdict.onset import Filters
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
-BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0), 0.05, 0.05
+BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0, 30.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
@@ -252,8 +252,8 @@ class LastWord:
             begins = np.searchsorted(whole.window.t, (since, doubted + AFTER_S))
             paths = whole.paths(int(begins[0]), int(begins[1]))
             stories = self._told_by(paths, whole, event)
-            best = max((path.begin for path in paths[:1]), default=0)
-            if since <= event.start_s or (stories and whole.window.t[best] > since + EDGE_S):
+            edge = bool(paths) and whole.window.t[paths[0].begin] <= since + EDGE_S
+            if since <= event.start_s or (not edge and (stories or before == BEFORE_S[1])):
                 break
         return paths, stories
 

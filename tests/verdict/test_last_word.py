@@ -412,3 +412,10 @@ def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
     whole: Any = SimpleNamespace(n=6000, nis=np.full(6000, nis), nominal=None, expected=lambda h: 3.0)
     path: Any = SimpleNamespace(begin=500, end=5500, gain=gain, hypothesis=SimpleNamespace(failed=failed))
     assert WholeMove.reads_as_usual(whole, path) is usual
+
+
+def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -> None:
+    """A slip from the first sample on, which the bank called an overload five seconds later: it was a failed position for sure."""
+    spec = hidden.draw_placed_case(130058, "before_the_first_sample")
+    v = of(spec, 130058)
+    assert v.label == spec.fault.label == "slip" and v.onset_s is not None and v.onset_s < 0.4
