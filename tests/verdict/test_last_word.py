@@ -415,7 +415,7 @@ def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
 
 
 def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -> None:
-    """A slip from the first sample on, which the bank called an overload five seconds later: it was a failed position for sure."""
+    """A slip from the first sample on, which the bank called an overload five seconds later: it was a failed position surely."""
     spec = hidden.draw_placed_case(130058, "before_the_first_sample")
     v = of(spec, 130058)
     assert v.label == spec.fault.label == "slip" and v.onset_s is not None and v.onset_s < 0.4
