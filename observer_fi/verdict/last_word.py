@@ -62,6 +62,7 @@ STOPPING_S, IN_A_STOP = 0.01, 10.0
 
 
 SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
+NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
 SECONDS = 3  # labels that may be the second of two faults
 TOGETHER_S = 0.1  # between the begins of two faults that may be one
 
@@ -273,7 +274,7 @@ class LastWord:
         if _passes(path, whole, event.start_s):
             return False
         if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
-            return path.gain >= IN_A_STOP * self.settings.move_nats
+            return min(path.gain, _shown(path)) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
         return min(path.gain, path.later if rings else math.inf) >= self.settings.move_nats
 
@@ -376,6 +377,8 @@ class LastWord:
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
         value *= whole.against(path) if own.of_friction else 1.0
+        if path.hypothesis.label == "jam" and own.of_friction and value <= 0.0:
+            return False
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
@@ -455,6 +458,16 @@ class LastWord:
         k = states.index("A")
         factor = float(path.memory.x[k])
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _shown(path: Path) -> float:
+    """Most nats by which the sizes that a path found are not none: of its gain, what is not of having begun anew.
+
+    In a stop a mass sticks sooner or later than nominal foresees, and every fault that is entered there gains alike. Of a lost
+    coupling no size is none.
+    """
+    sizes = [constant(path, own) for own in path.hypothesis.own if own.name in NONE_AT_ZERO]
+    return sum(0.5 * (value / std) ** 2 for value, std in sizes if std) if sizes else math.inf
 
 
 def _resists(path: Path) -> bool:

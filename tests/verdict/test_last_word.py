@@ -419,3 +419,9 @@ def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -
     spec = hidden.draw_placed_case(130058, "before_the_first_sample")
     v = of(spec, 130058)
     assert v.label == spec.fault.label == "slip" and v.onset_s is not None and v.onset_s < 0.4
+
+
+@pytest.mark.parametrize(("seed", "shape"), [(130022, "uneven")])
+def test_what_every_fault_gains_in_a_stop_is_none(seed: int, shape: str) -> None:
+    """980 nats for a jam, a lost coupling and a load at will: the mass stuck later than nominal foresaw."""
+    assert of(hidden.draw_severity_case(seed, "nominal", shape), seed).label == "nominal"
