@@ -9,15 +9,16 @@ from observer_fi.bank import transition as tr
 from observer_fi.bank.bank_state import HypothesisState
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
 from observer_fi.physics import Drive, equations, speed
-from observer_fi.records import Array
+from observer_fi.records import CHANNELS, Array
 
 START_ROWS, START_READINGS = (
     64,
     5,
 )  # samples looked at for the first readings of a channel, and how many count
+CURRENT = CHANNELS.index("current")
 HELD_ROWS = 10  # samples of the current that friction holds: as many as any first chunk has
 REST_VARIANCE = tr.REST_VARIANCE
-SURELY_HELD = -25.0  # standard deviations beyond which the tail of a normal distribution is its own bound
+BELIEVABLE = 5.0  # standard deviations: a motor that holds more than such a friction is held, or read, by something else
 
 
 class Held(NamedTuple):
@@ -66,7 +67,7 @@ def start(
             tr.slow_at_rest(b.parameters[j]),
             np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0]),
         )
-        if held is not None and "A" in h.states:
+        if held is not None and "A" in h.states and h.failed != CURRENT:
             at = h.states.index("A")
             x[at], var[at] = _friction_that_held(x[at], var[at], held, b.parameters[j])
         slow[tr.LAGGED], slow[tr.PHI] = rest.c, _whole_turns(z[2], model["D"])
@@ -95,11 +96,11 @@ def _friction_that_held(mean: float, var: float, held: Held, p: Array) -> tuple[
     rest = float(equations.friction(0.0, 0.0, held.theta, p)) - usual
     least, doubt = (abs(push) - rest) / usual, float(p[equations.KM]) * held.std / usual
     wide = math.sqrt(var + doubt * doubt)
-    if wide == 0.0:
+    z = (mean - least) / wide if wide else 0.0
+    if wide == 0.0 or z < -BELIEVABLE:
         return mean, var
-    z = (mean - least) / wide
     density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    ratio = density / (0.5 * math.erfc(-z / math.sqrt(2.0))) if z > SURELY_HELD else -z
+    ratio = density / (0.5 * math.erfc(-z / math.sqrt(2.0)))
     return mean + var * ratio / wide, max(var - var * var * ratio * (z + ratio) / wide**2, 0.0)
 
 

@@ -28,7 +28,7 @@ def friction(current: float, theta: float = 0.0) -> tuple[float, float]:
     return float(first.x[at]), float(np.sqrt(first.P[at, at]))
 
 
-@pytest.mark.parametrize("share", [-1.25, -0.9, 0.0, 0.5, 0.95, 1.1, 1.3, 2.0])
+@pytest.mark.parametrize("share", [-1.25, -0.9, 0.0, 0.5, 0.95, 1.1, 1.3, 1.45])
 @pytest.mark.parametrize("theta", [0.0, 3.0])
 def test_it_is_the_prior_cut_at_what_friction_holds(share: float, theta: float) -> None:
     """Against the integral over the prior, the current in doubt by its noise."""
@@ -42,6 +42,10 @@ def test_it_is_the_prior_cut_at_what_friction_holds(share: float, theta: float) 
     mean = float((a * weight).sum() / weight.sum())
     std = float(np.sqrt(((a - mean) ** 2 * weight).sum() / weight.sum()))
     assert friction(current, theta) == pytest.approx((mean, std), rel=2e-3, abs=2e-4)
+
+
+def test_a_current_that_no_friction_holds_says_nothing_of_it() -> None:
+    assert friction(4.0 * RIG.model["A"] / RIG.model["Km"]) == pytest.approx((1.0, SPREAD))
 
 
 def _below(x: np.ndarray) -> np.ndarray:
