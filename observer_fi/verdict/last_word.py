@@ -274,7 +274,8 @@ class LastWord:
         if _passes(path, whole, event.start_s):
             return False
         if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
-            return min(path.gain, _shown(path)) >= IN_A_STOP * self.settings.move_nats
+            more = max(_shown(path), path.later)
+            return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
         return min(path.gain, path.later if rings else math.inf) >= self.settings.move_nats
 
