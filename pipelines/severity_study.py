@@ -261,7 +261,7 @@ def summary(frame: pd.DataFrame, first: int) -> str:
         "", "## By kind", "", markdown(table(faults, "kind")), "",
         f"For a while, begin and end both within 20 ms: {_percent(both[lasted['named']])} of {int(lasted['named'].sum())} named.",
         "It is told to last where it ends behind the stop of the motor." if len(lasted) else "", "", *_in_all(faults, lost),
-        "", "## By size", "", markdown(by_size(faults)), "",
+        "", "## By size", "", markdown(by_size(faults)) if len(faults) else "", "",
         "## Healthy moves by shape of the command", "", markdown(healthy(frame)), "",
         "## Lost couplings by shape of the command", "", markdown(table(lost, "shape")) if len(lost) else "", "",
     ))  # fmt: skip
