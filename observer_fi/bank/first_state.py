@@ -39,7 +39,8 @@ def held_at_first(z: Array, w_cmd: Array, theta: Array, noise: Array) -> Held | 
     current = z[:still, 1][np.isfinite(z[:still, 1])]
     if current.size < START_READINGS:
         return None
-    return Held(float(current.mean()), math.sqrt(noise[1] / current.size), float(theta[0]))
+    # As doubtful as one reading: noise behind a filter is alike from sample to sample, and a mean of ten no better.
+    return Held(float(current.mean()), math.sqrt(noise[1]), float(theta[0]))
 
 
 def start(

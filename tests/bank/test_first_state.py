@@ -34,7 +34,7 @@ def test_it_is_the_prior_cut_at_what_friction_holds(share: float, theta: float) 
     """Against the integral over the prior, the current in doubt by its noise."""
     model = RIG.model
     current = (share * model["A"] + model["B"] * theta) / model["Km"]
-    doubt = model["Km"] * np.sqrt(MADE.noise[1] / HELD_ROWS) / model["A"]
+    doubt = model["Km"] * np.sqrt(MADE.noise[1]) / model["A"]
     a = np.linspace(1.0 - 4.0 * SPREAD, 3.0, 400_001)
     with np.errstate(under="ignore"):
         log = -0.5 * ((a - 1.0) / SPREAD) ** 2 + np.log(_below((a - abs(share)) / doubt))
