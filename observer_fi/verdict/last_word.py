@@ -73,7 +73,7 @@ class LastWord:
     def __init__(self, rig: Rig, filters: Filters, settings: DecisionSettings) -> None:
         self.rig, self.filters, self.settings = rig, filters, settings
         self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
-        self.stop_step_s = SHOWS_A_STOP * quarter_of_a_ring(rig.model)
+        self.stop_step_s = SHOWS_A_STOP * quarter_of_a_ring(rig.model) or math.inf  # nobody knows of others
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()

@@ -12,12 +12,14 @@ from scipy.stats import lognorm, norm
 
 from observer_fi.bank import HypothesisState, of_a_move
 from observer_fi.logs.ingest import log_from_frame
-from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.moves.stories import of_any_decade
 from observer_fi.verdict.moves.whole_move import Path, WholeMove, _is_lost
+from observer_fi.verdict.onset import Filters
 
 RIG = load_rig()
 MOVE = hidden.single_move(speed=410.0, hold_s=3.0, pitch_deg=4.0)
@@ -425,3 +427,11 @@ def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -
 def test_what_every_fault_gains_in_a_stop_is_none(seed: int, shape: str) -> None:
     """980 nats for a jam, a lost coupling and a load at will: the mass stuck later than nominal foresaw."""
     assert of(hidden.draw_severity_case(seed, "nominal", shape), seed).label == "nominal"
+
+
+def test_a_servo_that_does_not_ring_is_asked_about_its_stop_too() -> None:
+    settings = Settings()
+    for ki, known in ((RIG.model["Ki"], True), (0.0, False)):
+        rig = with_values(RIG, {"Ki": ki})
+        step_s = LastWord(rig, Filters(rig, settings.bank), settings.decision).stop_step_s
+        assert (0.0 < step_s < 0.1) if known else step_s == math.inf
