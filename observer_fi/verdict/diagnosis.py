@@ -252,7 +252,7 @@ class Diagnosis:
             asked = self.last_word.needed(event)
             told = self.last_word.on(event, self.memory) if asked else event
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
-            told = self.with_room.on(told, self.memory, self.last_word.nats.get(event.start_s))
+            told = self.with_room.on(told, self.memory, self.last_word.explained.get(event.start_s))
             if asked or told is not event:
                 self.told[event.start_s] = told
 
@@ -323,7 +323,7 @@ class Diagnosis:
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         events = tuple(handed_on(finished))
         verdict = log_verdict(list(events))
-        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.nats)
+        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.explained)
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)

@@ -16,6 +16,9 @@ TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
 LIMIT = 5.5
 STOP_S = 0.5  # of the stop and the rest after a move belong to it: a mass that stands off by half its noise shows by then
 SURE, Z95 = 0.95, 1.959964
+UNUSUAL = (
+    3.3  # standard deviations of the spread from rig to rig: one healthy rig in 2000 has as high a friction
+)
 CHANNELS = slice(
     1, 3
 )  # current and position: a voltage also follows inertias that a rig file has slightly wrong
@@ -70,6 +73,13 @@ def mostly(label: str, event: Event) -> dict[str, float]:
     return {k: SURE if k == label else others for k in event.posterior}
 
 
+def or_jammed(event: Event, why: str = "") -> Event:
+    """A healthy event whose friction may as well have risen."""
+    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, "jam": 0.5}
+    reasons = (why,) if why else event.reasons
+    return event._replace(probability=0.5, posterior=posterior, alike=("jam",), reasons=reasons)
+
+
 def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
     """A move that began with a friction as no rig of the rig file has, which nominal took up: jammed from its first sample on.
 
@@ -87,7 +97,7 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
 def jammed_before(
     event: Event, memory: HypothesisState, nominal: Hypothesis, rig: Rig, strain_limit: float, slope: float
 ) -> Event:
-    """The event as a jam from its first sample on where nominal's memory has a friction as no rig has; else as it is.
+    """The event as a jam from its first sample on where nominal's memory has a friction as no rig has; either where few have it.
 
     slope: pitch against the motion [deg]. In one move nothing tells friction from what gravity does on it: their sum counts.
     """
@@ -99,9 +109,14 @@ def jammed_before(
     at, c = [states.index(name) for name in names], np.array([share[name] for name in names])
     rise, std = float(c @ (memory.x[at] - 1.0)), float(np.sqrt(max(c @ memory.P[np.ix_(at, at)] @ c, 0.0)))
     spread = float(np.hypot.reduce([rig.spread(name) * share[name] for name in names]))
-    if rise < strain_limit * spread or std > spread:
+    if rise < UNUSUAL * spread or std > spread:
         return event
     factor = 1.0 + rise
+    if rise < strain_limit * spread:
+        return or_jammed(
+            event,
+            f"friction is {factor:.2f} times that of the rig file from the start on: it rose then, or this rig's is so",
+        )
     half = Z95 * float(np.hypot(std, factor * rig.spread("A")))
     own = next(own for own in FAULTS["jam"].sizes if own.of_friction)
     return event._replace(

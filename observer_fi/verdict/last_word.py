@@ -7,6 +7,7 @@ label that needs the whole move. Verdicts that the bank is sure of stand.
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from observer_fi.verdict.moves.stories import (
     takes_up_any_load,
 )
 from observer_fi.verdict.moves.whole_move import (
+    CHANGE_NATS,
     HOPELESS,
     LEFT,
     SETTLED_S,
@@ -65,6 +67,23 @@ SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart
 NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
 SECONDS = 3  # labels that may be the second of two faults
 TOGETHER_S = 0.1  # between the begins of two faults that may be one
+BLIND = (
+    1e-3  # probability from which a lost coupling is as good as a frozen position, and the other way about
+)
+
+
+class Explained(NamedTuple):
+    """nats: of the samples of a move in motion under what explains it best. gain: how much of that is over nominal."""
+
+    nats: float
+    gain: float
+
+
+class Pair(NamedTuple):
+    """A move with two faults, and what they explain of it."""
+
+    event: Event
+    explained: Explained
 
 
 class LastWord:
@@ -77,9 +96,7 @@ class LastWord:
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
-        self.nats: dict[
-            float, float
-        ] = {}  # of the samples in motion under the best story of a move, by its start
+        self.explained: dict[float, Explained] = {}  # moves, by their starts
 
     def needed(self, event: Event) -> bool:
         """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size.
@@ -125,8 +142,11 @@ class LastWord:
         stories = in_order(list(self._of_sensor_or_nut(stories, whole, bank, event)))
         two = self._two(paths, stories, event, whole)
         if two is not None:
-            return two
+            self.explained[event.start_s] = two.explained
+            return two.event
         if stories:
+            gain = stories[0].gain
+            self.explained[event.start_s] = Explained(whole.in_motion() + gain, gain)
             return self._told(event, stories, whole)
         counted = [path for path in paths if self._counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
@@ -151,34 +171,46 @@ class LastWord:
 
     def _two(
         self, paths: Sequence[Path], stories: Sequence[Story], event: Event, whole: WholeMove
-    ) -> Event | None:
-        """The event with a second fault behind the first one, where that explains the move only until then; else None."""
+    ) -> Pair | None:
+        """The event with a second fault behind the first one, where that explains the move only until then; else None.
+
+        Where the free hypothesis follows the move better than the best name does, two faults may have met there.
+        """
         named = bool(stories) and not takes_up_any_load(stories[0].path)
-        if named:
-            tried = [stories[0].path]
-        else:
-            firm = (p for p in reversed(paths) if not takes_up_any_load(p) and self._counts(p, whole, event))
-            tried = list({p.hypothesis.label: p for p in firm}.values())
-        ends = [found.until for p in tried if (found := lasted(p, whole)) is not None]
-        if not ends:
-            return None
-        stops = [end - round(WINDOW_S / whole.interval) for end in sorted({*ends}, reverse=True)[:SECONDS]]
-        if not named:
-            best, *others = sorted(tried, key=lambda p: -p.gain)[:SECONDS]
-            if best.end is not None:  # it seems over where another one takes its place
-                stops.append(best.end - STRIDE)
-            # of a lesser fault before it a great one leaves no trace
-            stops += [p.first - STRIDE for p in (best, *others)]
-        at_once: list[Event] = []
-        for stop in stops:
+        found = self._behind([stories[0].path], (), stories, event, whole) if named else None
+        more = self.settings.move_nats
+        if found or (named and paths[0].gain < stories[0].gain + more):
+            return found
+        firm = (p for p in reversed(paths) if not takes_up_any_load(p) and self._counts(p, whole, event))
+        tried = sorted({p.hypothesis.label: p for p in firm}.values(), key=lambda p: -p.gain)
+        # of a lesser fault before it a great one leaves no trace
+        before = [p.first - STRIDE for p in tried[:SECONDS]]
+        if tried and tried[0].end is not None:  # it seems over where another one takes its place
+            before.insert(0, tried[0].end - STRIDE)
+        found = self._behind(tried, before, stories, event, whole)
+        return None if found and named and found.explained.gain < stories[0].gain + more else found
+
+    def _behind(
+        self,
+        tried: Sequence[Path],
+        before: Sequence[int],
+        stories: Sequence[Story],
+        event: Event,
+        whole: WholeMove,
+    ) -> Pair | None:
+        """A second fault from where one of some paths no longer explains the move, or from one of some samples on."""
+        ends = {found.until for p in tried if (found := lasted(p, whole)) is not None}
+        stops = [end - round(WINDOW_S / whole.interval) for end in sorted(ends, reverse=True)[:SECONDS]]
+        at_once: list[Pair] = []
+        for stop in (*stops, *before):
             pair = self._pair(event, whole, stop)
-            if pair is not None and not _together(pair):
+            if pair is not None and not _together(pair.event):
                 return pair
             at_once += [] if pair is None else [pair]
         one = bool(stories) and stories[0].mode != UNKNOWN  # an obstacle that comes with a load is one fault
         return at_once[0] if at_once and not one else None
 
-    def _pair(self, event: Event, whole: WholeMove, stop: int, again: bool = True) -> Event | None:
+    def _pair(self, event: Event, whole: WholeMove, stop: int, again: bool = True) -> Pair | None:
         """The event with the fault that explains the move as far as a sample, and another behind it; None without either."""
         shorter = until(whole, stop)
         if shorter is None:
@@ -198,7 +230,9 @@ class LastWord:
         if second is None:
             return None
         later = second[0]._replace(start_s=event.start_s)
-        pair = told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
+        both = told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
+        nats = whole.in_motion(held.since) - CHANGE_NATS + rest.in_motion() + second[1].gain
+        pair = Pair(both, Explained(nats, nats - whole.in_motion()))
         begun = held.since + second[1].begin
         if again and begun < stop:  # what came first is told from what was before the second one
             return self._pair(event, whole, begun, again=False) or pair
@@ -409,13 +443,12 @@ class LastWord:
         best, t = stories[0], whole.window.t
         path, label = best.path, label_of(best.mode)
         posterior = posterior_of(event, stories)
-        self.nats[event.start_s] = best.gain + float(np.diff(whole.until)[whole.window.active].sum())
         sizes = path.hypothesis.own if path.hypothesis.label == label else FAULTS[label].sizes
         tells = [own for own in sizes if own.tells and own.name in path.hypothesis.states]
         told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
             over_s=None if path.end is None or whole.lasts(path) else float(t[path.end]),
-            alike=tuple(k for k, p in posterior.items() if k != label and p > self.settings.alike),
+            alike=tuple(k for k, p in posterior.items() if k != label and p > self._least({label, k}, best.mode)),
             severity=tuple(self._severity(path, own, whole) for own in tells),
         )  # fmt: skip
         begin, first = float(t[max(path.begin - 1, 0)]), float(t[max(path.first - 1, 0)])
@@ -433,6 +466,14 @@ class LastWord:
             isolated_s=None, detected_s=event.detected_s or event.doubted_s,
             reasons=(_why(best, whole),) if label != UNKNOWN else event.reasons,
         )  # fmt: skip
+
+    def _least(self, labels: set[str], mode: str) -> float:
+        """Probability from which one label is as good as another: of a lost coupling and a frozen position a small one.
+
+        Only what the motor feels without the mass tells those two apart, and that may be what it felt with it.
+        """
+        blind = labels == {"coupling_loss", "sensor_fault"} and channel_of(mode) in (None, "position")
+        return min(BLIND, self.settings.alike) if blind else self.settings.alike
 
     def _severity(self, path: Path, own: OwnState, whole: WholeMove) -> Severity:
         value, std = constant(path, next(state for state in path.hypothesis.own if state.name == own.name))

@@ -13,6 +13,7 @@ from .cases import (
     draw_placed_case,
     draw_severity_case,
 )
+from .detectability import nats_apart
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
 from .faults import CHANNELS, FAILURES, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
 from .loggers import IDEAL, PAIRS, TRAITS, TRIPLES, Trait, combined, make_log_with, trait_of
@@ -96,6 +97,7 @@ __all__ = [
     "make_log",
     "make_log_through",
     "make_log_with",
+    "nats_apart",
     "rich_campaign",
     "right_size",
     "single_move",

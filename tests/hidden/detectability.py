@@ -5,6 +5,7 @@ who must choose among thirty causes with correlated residuals needs some 20, and
 modelled as a continuous one leaves about 200 itself, 65 of them after a fitted delay and lag.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,12 +24,15 @@ NOISE = {
 # How far a refit may take each constant, 1 sigma, relative: tight for the maker's Rm, Km, D.
 REFIT = {"Rm": 0.03, "Km": 0.03, "D": 0.005, "Vmax": 0.03, "Rs": 1.0, "J": 0.3, "A": 0.3, "B": 0.3}
 REFIT |= {"Kp": 0.3, "Ki": 0.3, "C": 0.5, "E": 0.3}
+STEP = 1e-3  # of a constant, over which the change of a log is linear
+INTEGRAL_STEP, INTEGRAL_SIGMA = 1e-4, 0.05  # of the error integral at the start [rad]
 REFIT_ABSOLUTE = {"stop_low_m": 1e-3, "stop_high_m": 1e-3}
 
 
-def scaled_log(spec: TruthSpec):
-    """The noiseless log as one vector, each channel in units of its noise."""
+def scaled_log(spec: TruthSpec, until_s: float = np.inf):
+    """The noiseless log up to a time as one vector, each channel in units of its noise."""
     frame, _ = make_log(without_noise(spec), 0)
+    frame = frame[frame["time_s"] < until_s]
     channels = [frame[COLUMNS[channel]].to_numpy() / std for channel, std in NOISE.items()]
     return np.concatenate(channels)
 
@@ -39,16 +43,41 @@ def refit_directions(spec: TruthSpec):
     columns = []
     for name, sigma in REFIT.items():
         value = getattr(spec.rig, name)
-        moved = replace(spec, rig=replace(spec.rig, **{name: value * 1.001}))
-        columns.append((scaled_log(moved) - base) / 0.001 * sigma)
+        moved = replace(spec, rig=replace(spec.rig, **{name: value * (1.0 + STEP)}))
+        columns.append((scaled_log(moved) - base) / STEP * sigma)
     for name, sigma in REFIT_ABSOLUTE.items():
         moved = replace(spec, rig=replace(spec.rig, **{name: getattr(spec.rig, name) + 1e-6}))
         columns.append((scaled_log(moved) - base) / 1e-6 * sigma)
-    turned = replace(spec, start_integral_rad=spec.start_integral_rad + 1e-4)
-    columns.append((scaled_log(turned) - base) / 1e-4 * 0.05)
+    turned = replace(spec, start_integral_rad=spec.start_integral_rad + INTEGRAL_STEP)
+    columns.append((scaled_log(turned) - base) / INTEGRAL_STEP * INTEGRAL_SIGMA)
     zero_of_position = np.repeat([0.0, 0.0, 1e-3 / NOISE["position"]], base.size // 3)
     columns.append(zero_of_position)
     return np.column_stack(columns)
+
+
+def nats_apart(
+    one: TruthSpec, other: TruthSpec, spread: Mapping[str, float], until_s: float = np.inf
+) -> float:
+    """Nats between the log of `one` and that of the rig nearest to `other`'s with such constants, to first order.
+
+    spread: 1 sigma of the constants that differ from rig to rig, relative; the integral at the start is in doubt as well. Half
+    the squared distance in the noise of the channels, and half that of the constants in their spread.
+    """
+    base = scaled_log(other, until_s)
+    columns = []
+    for name, sigma in spread.items():
+        moved = replace(other, rig=replace(other.rig, **{name: getattr(other.rig, name) * (1.0 + STEP)}))
+        columns.append((scaled_log(moved, until_s) - base) / STEP * sigma)
+    turned = replace(other, start_integral_rad=other.start_integral_rad + INTEGRAL_STEP)
+    columns.append((scaled_log(turned, until_s) - base) / INTEGRAL_STEP * INTEGRAL_SIGMA)
+    return 0.5 * beyond(scaled_log(one, until_s) - base, np.column_stack(columns)) ** 2
+
+
+def beyond(shift, directions) -> float:
+    """Norm of what directions, each with a prior of one, leave of a shift."""
+    basis, _ = np.linalg.qr(np.vstack([directions, np.eye(directions.shape[1])]))
+    padded = np.concatenate([shift, np.zeros(directions.shape[1])])
+    return float(np.linalg.norm(padded - basis @ (basis.T @ padded)))
 
 
 def visible_sigma(spec: TruthSpec, effects: tuple[Effect, ...], directions=None) -> float:
@@ -57,10 +86,7 @@ def visible_sigma(spec: TruthSpec, effects: tuple[Effect, ...], directions=None)
     logged_profile = _pitched(spec.profile, fields_of(effects, "sensors").get("pitch_offset", 0.0))
     expected = scaled_log(replace(spec, effects=(), profile=logged_profile))
     shift = scaled_log(replace(spec, effects=effects)) - expected
-    priors = np.eye(directions.shape[1])
-    basis, _ = np.linalg.qr(np.vstack([directions, priors]))
-    padded = np.concatenate([shift, np.zeros(len(priors))])
-    return float(np.linalg.norm(padded - basis @ (basis.T @ padded)))
+    return beyond(shift, directions)
 
 
 def detectable_factor(spec: TruthSpec, cause: str, directions=None, sigma: float = VISIBLE_SIGMA) -> float:

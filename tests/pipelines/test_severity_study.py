@@ -52,12 +52,21 @@ def test_friction_that_rose_at_rest_is_worth_what_no_healthy_rig_has() -> None:
     level = replace(spec.profile, pitch_steps=((0.0, 1e-6),))
     spec = replace(spec, rig=hidden.TABLE_1, profile=level)
     early = replace(spec, fault=hidden.Fault("jam", 0.0, size=0.2))
-    assert worth(early) == pytest.approx(0.5 * (0.2 / 0.1) ** 2, rel=1e-4)
+    assert worth(early, SPREAD) == pytest.approx(0.5 * (0.2 / 0.1) ** 2, rel=1e-4)
     later = replace(early, fault=replace(early.fault, onset_s=1.0))
     between = replace(early, fault=replace(early.fault, onset_s=spec.fault.onset_s))
-    assert worth(later) > 1000.0 and worth(between) > 1000.0  # level, no gravity hides it
+    assert worth(later, SPREAD) > 1000.0 and worth(between, SPREAD) > 1000.0  # level, no gravity hides it
     on_a_slope = replace(between, profile=replace(level, pitch_steps=((0.0, 12.0),)))
-    assert worth(on_a_slope) < 2.0
+    assert worth(on_a_slope, SPREAD) < 2.0
+
+
+def test_a_jam_as_the_motion_begins_is_a_rig_that_rubs_more() -> None:
+    spec = replace(drawn(Job("jam", 3)), rig=hidden.TABLE_1)
+    start = spec.profile.moves[0].start_s
+    jam = replace(spec, fault=hidden.Fault("jam", start + 0.0005, size=0.4))
+    prior = 0.5 * (0.4 / 0.1) ** 2
+    assert prior < worth(jam, SPREAD) < prior + 20.0 and worth(jam, {}) > 1e4
+    assert worth(replace(jam, fault=hidden.Fault("jam", start + 0.5, size=0.4)), SPREAD) > 1e4
 
 
 def test_the_recipe_writes_a_row_a_move_and_its_table(tmp_path: Path) -> None:

@@ -232,6 +232,10 @@ class WholeMove:
             return 0.0
         return share.mean * float(self._nominal_at(k).x[self.nominal.states.index("E")])
 
+    def in_motion(self, last: int | None = None) -> float:
+        """Nats of the samples in motion, up to a sample, under nominal."""
+        return float(np.diff(self.until)[:last][self.window.active[:last]].sum())
+
     def direction(self, k: int, end: int | None = None) -> float:
         """Sign of the way commanded from sample k to `end`; where none is, in a stop and the rest after it, of the speed before.
 

@@ -15,9 +15,9 @@ from observer_fi.bank import ROOMS, Bank, HypothesisState, LogSamples, with_room
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Estimate, Event
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import Drift
+from observer_fi.verdict.drift import Drift, or_jammed
 from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
-from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.last_word import Explained, LastWord
 from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
@@ -28,6 +28,7 @@ STANDS = 8  # verdicts in a row that room did not change
 EVERYDAY = 0.08  # of the friction: a jam that is smaller, and no better explained than a usual day, is one
 # Probability from which another label is as good: what wanders is like the slow rise by which an obstacle differs from a slip.
 ALIKE = 1e-4
+LITTLE = 0.1  # of what a fault explains without room
 
 
 class Banks(NamedTuple):
@@ -46,27 +47,27 @@ class WithRoom:
         self.rooms: list[Banks] = []
         self.stood: Counter[tuple[str, str | None]] = Counter()
 
-    def on(self, event: Event, bank: Bank, nats: float | None) -> Event:
-        """The event as it is with room, where that explains the move. bank: with its samples at hand; nats: of the best story.
+    def on(self, event: Event, bank: Bank, found: Explained | None) -> Event:
+        """The event as it is with room, where that explains the move. bank: with its samples at hand; found: the best story.
 
         A fault that stood so many times in a row is asked about no more in its log.
         """
         if self.stood[event.label, event.channel] >= STANDS:
             return event
-        told = self._with_room(event, bank, nats)
+        told = self._with_room(event, bank, found)
         self.stood[event.label, event.channel] = (
             self.stood[event.label, event.channel] + 1 if told is event else 0
         )
         return told
 
-    def _with_room(self, event: Event, bank: Bank, nats: float | None) -> Event:
+    def _with_room(self, event: Event, bank: Bank, story: Explained | None) -> Event:
         if self.rig.errors or event.label == NOMINAL or NOMINAL in event.alike or shown_by_rest(event):
             return event
         found = window_of(event, bank)
         if found is None:
             return event
         usual = self._made()
-        known = max(log_likelihood(usual.again(*found)), -math.inf if nats is None else nats)
+        known = max(log_likelihood(usual.again(*found)), -math.inf if story is None else story.nats)
         tried = [(room, room.bank.again(*found)) for room in self.rooms]
         best, estimate = max(tried, key=lambda one: log_likelihood(one[1]))
         margin = self.settings.decision.move_nats * (-1.0 if event.label in AT_WILL else 1.0)
@@ -77,7 +78,8 @@ class WithRoom:
         if told.label == "jam" and _small(told) and _small(event):
             return _or_a_day(event)
         same = (told.label, told.channel) == (event.label, event.channel)
-        if same or (told.label == NOMINAL and self._goes_on(event, *found, best.word)):
+        little = told.label == NOMINAL or _explains_little(best.word.explained.get(event.start_s), story)
+        if same or (little and self._goes_on(event, *found, best.word)):
             return event
         return _or_a_day(event) if told.label == NOMINAL and event.label == "jam" else told
 
@@ -112,13 +114,17 @@ class WithRoom:
         return bool(friction) and float(np.ptp(friction)) > COMES_AND_GOES
 
 
+def _explains_little(with_room: Explained | None, without: Explained | None) -> bool:
+    """Whether what a fault explains is next to nothing beside what it does without room: then the room explains the move."""
+    return with_room is not None and without is not None and with_room.gain < LITTLE * without.gain
+
+
 def _or_a_day(event: Event) -> Event:
     """Health, or else the jam that the event has: a friction that rose a little, and one of that day, look alike."""
     health = healthy(event)
     if event.label != "jam" or health.label != NOMINAL:
         return health
-    posterior = health.posterior | {NOMINAL: 0.5, "jam": 0.5}
-    return health._replace(probability=0.5, posterior=posterior, alike=("jam",))
+    return or_jammed(health)
 
 
 def _small(event: Event) -> bool:
