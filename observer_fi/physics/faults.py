@@ -240,7 +240,8 @@ FAULTS = table(
                 "friction is up by {}",
                 of_friction=True,
                 low=0.0,
-                growths=(0.0, 0.05, 0.5),  # one that stands, one that doubles within a second is followed by the second
+                # one that stands, and one that doubles within a second, which is followed by the second
+                growths=(0.0, 0.05, 0.5),
                 creeps=(0.0, 0.05, 0.02),
             ),
         ),

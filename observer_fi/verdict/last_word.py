@@ -17,10 +17,11 @@ from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import STOP_S, SURE, jammed_before, mostly
+from observer_fi.verdict.drift import COMES_AND_GOES, STOP_S, SURE, jammed_before, mostly
 from observer_fi.verdict.isolate import AT_START_S, healthy
 from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, first_misfit, lasted, until
 from observer_fi.verdict.moves.stories import (
+    AT_WILL,
     Story,
     constant,
     follows_whole,
@@ -331,7 +332,7 @@ class LastWord:
         """
         sure = event.label not in (NOMINAL, UNKNOWN)
         paths = paths if sure else self._seen_to_begin(paths, whole, event)
-        if not paths or not self._fits(paths[0], whole, event):
+        if not paths or not any(self._fits(path, whole, event) for path in _as_good(paths)):
             return []
         if sure and paths[0].hypothesis.label == UNKNOWN:
             return []
@@ -425,18 +426,18 @@ class LastWord:
         """
         first = int(np.searchsorted(whole.window.t, start_s))
         if whole.window.t[path.begin] - start_s < CLEAN_S:
-            fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path)
+            fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path, whole)
             return fits and whole.lasts(path) and path.later >= FAR * self.settings.move_nats
         return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
 
-    def _is_of_the_rig(self, path: Path) -> bool:
-        """Whether a friction that was up from the start on is one that a rig of the rig file may have."""
+    def _is_of_the_rig(self, path: Path, whole: WholeMove) -> bool:
+        """Whether a friction that was up from the start on is one that this rig may have, as far as it is known by then."""
         rises = [own for own in path.hypothesis.own if own.of_friction]
         if path.hypothesis.label != "jam" or not rises:
             return False
-        usual, friction = self.rig.model["A"], self._friction(path)[0]
-        most = self.settings.strain_limit * self.rig.spread("A")
-        return (friction + constant(path, rises[0])[0]) / usual - 1.0 < most
+        friction = (self._friction(path)[0] + constant(path, rises[0])[0]) / self.rig.model["A"]
+        usual, doubt = whole.drag(path.begin)
+        return friction - usual < max(self.settings.strain_limit * doubt, COMES_AND_GOES)
 
     def _told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""
@@ -500,6 +501,16 @@ class LastWord:
         k = states.index("A")
         factor = float(path.memory.x[k])
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _as_good(paths: Sequence[Path]) -> list[Path]:
+    """The best path and those of its label that begin at another sample and gain next to as much."""
+    best = paths[0]
+    return [
+        p
+        for p in paths
+        if p.hypothesis.label == best.hypothesis.label and p.gain >= (1.0 - AT_WILL) * best.gain
+    ]
 
 
 def _shown(path: Path) -> float:

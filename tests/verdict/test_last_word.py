@@ -284,6 +284,38 @@ def test_a_coupling_that_lets_go_twice_is_told_twice() -> None:
     assert second.label == "coupling_loss" and second.over_s == pytest.approx(2.5, abs=0.02)
 
 
+@pytest.mark.slow
+def test_room_for_the_day_does_not_hide_a_friction_that_doubles() -> None:
+    """It explained all but 16 nats of 21 000, which an obstacle took up: an overload for sure."""
+    v = of(hidden.draw_severity_case(180006, "jam_growing"), 180006)
+    assert v.label == "jam" and v.onset_s == pytest.approx(1.0235, abs=0.1)
+
+
+@pytest.mark.parametrize("rise", [0.1, 0.2])
+def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
+    """One whose friction may wander lost 0.03 nats a sample by that, more in a long move than the rise was worth."""
+    v = verdict(hidden.Fault("jam", 0.51, size=rise))
+    assert v.label == "jam" and v.onset_s == pytest.approx(0.51, abs=0.01)
+    low, high = v.severity[0].interval
+    assert low < rise < high < 1.3 * rise
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
+    v = verdict(hidden.NO_FAULT, replace(hidden.TABLE_1, A=1.42 * hidden.TABLE_1.A), seed=seed)
+    assert v.label == "nominal" and v.alike == ("jam",) and v.probability == 0.5
+    assert verdict(hidden.NO_FAULT, replace(hidden.TABLE_1, A=1.2 * hidden.TABLE_1.A), seed=seed).alike == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "label"), [(190002, "coupling_loss"), (190004, "jam"), (190010, "coupling_loss")]
+)
+def test_what_came_in_a_rest_has_its_name_in_the_next_move(seed: int, label: str) -> None:
+    """By one begin in the rest the first samples fit badly, and gain most; by the next one all of them fit."""
+    assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == label
+
+
 @pytest.mark.parametrize("label", ["coupling_loss", "jam"])
 def test_one_fault_is_never_two(label: str) -> None:
     for seed in range(3):
@@ -357,6 +389,9 @@ def test_a_jam_goes_on_over_reversals(seed: int) -> None:
         (110023, "slip_then_jam"),
         (110047, "slip_then_jam"),
         (110018, "stop_then_loss"),
+        (180026, "stop_then_loss"),  # the first one shows in the last tenths before the second
+        (180034, "stop_then_loss"),  # a nominal with room for the day had more than the second one alone
+        (180043, "slip_then_jam"),
     ],
 )
 def test_the_second_fault_is_not_the_first_one_again(seed: int, kind: str) -> None:

@@ -225,6 +225,19 @@ class WholeMove:
         risen = abs(float(x[states.index("torque")])) if self.nominal.label == "jam" else 0.0
         return usual + risen / self.nominal.model["A"]
 
+    def drag(self, k: int) -> tuple[float, float]:
+        """`friction` before sample k, and the doubt about what friction and gravity take together in the motion to come.
+
+        Both in units of the rig file's friction. One move tells their sum, and nothing of the way back.
+        """
+        memory, model = self._nominal_at(k), self.nominal.model
+        share = {"A": 1.0, "B": model["B"] * self.direction(k) * float(self.window.theta[k]) / model["A"]}
+        names = [name for name in share if name in self.nominal.states]
+        at, c = [self.nominal.states.index(name) for name in names], np.array([share[name] for name in names])
+        return self.friction(k), math.sqrt(
+            max(float(c @ memory.P[np.ix_(at, at)] @ c), 0.0)
+        ) if names else 0.0
+
     def lost(self, k: int) -> float:
         """Share of the travel that nominal loses before sample k: none, or that of a slip that takes its place."""
         share = next((own for own in self.nominal.own if own.name == "E"), None)

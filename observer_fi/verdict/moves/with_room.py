@@ -15,15 +15,13 @@ from observer_fi.bank import ROOMS, Bank, HypothesisState, LogSamples, with_room
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Estimate, Event
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import Drift, or_jammed
+from observer_fi.verdict.drift import COMES_AND_GOES, Drift, or_jammed
 from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
 from observer_fi.verdict.last_word import Explained, LastWord
 from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
 AT_WILL = ("jam", UNKNOWN)  # faults that follow any torque, and so also one of every day
-# Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
-COMES_AND_GOES = 0.25
 STANDS = 8  # verdicts in a row that room did not change
 EVERYDAY = 0.08  # of the friction: a jam that is smaller, and no better explained than a usual day, is one
 # Probability from which another label is as good: what wanders is like the slow rise by which an obstacle differs from a slip.
