@@ -19,7 +19,15 @@ from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import COMES_AND_GOES, STOP_S, SURE, jammed_before, mostly
 from observer_fi.verdict.isolate import AT_START_S, healthy
-from observer_fi.verdict.moves.second_fault import WINDOW_S, behind, first_misfit, lasted, until
+from observer_fi.verdict.moves.second_fault import (
+    MISFIT,
+    SUSPECT,
+    WINDOW_S,
+    behind,
+    first_misfit,
+    lasted,
+    until,
+)
 from observer_fi.verdict.moves.stories import (
     AT_WILL,
     Story,
@@ -68,6 +76,9 @@ SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart
 NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
 SECONDS = 3  # labels that may be the second of two faults
 TOGETHER_S = 0.1  # between the begins of two faults that may be one
+CLEARLY = (
+    6.0  # times the nats of another fault, by which two explain what one whose size changes does as well
+)
 BLIND = (
     1e-3  # probability from which a lost coupling is as good as a frozen position, and the other way about
 )
@@ -178,7 +189,7 @@ class LastWord:
         Where the free hypothesis follows the move better than the best name does, two faults may have met there.
         """
         named = bool(stories) and not takes_up_any_load(stories[0].path)
-        found = self._behind([stories[0].path], (), stories, event, whole) if named else None
+        found = self._suspected(stories, event, whole) if named else None
         more = self.settings.move_nats
         if found or (named and paths[0].gain < stories[0].gain + more):
             return found
@@ -191,6 +202,16 @@ class LastWord:
         found = self._behind(tried, before, stories, event, whole)
         return None if found and named and found.explained.gain < stories[0].gain + more else found
 
+    def _suspected(self, stories: Sequence[Story], event: Event, whole: WholeMove) -> Pair | None:
+        """A second fault where the best story no longer explains the move, or only by a size that changes there."""
+        told = [stories[0].path]
+        found = self._behind(told, (), stories, event, whole)
+        if found is not None or not any(own.growth for own in told[0].hypothesis.own):
+            return found
+        found = self._behind(told, (), stories, event, whole, SUSPECT)
+        enough = stories[0].gain + CLEARLY * self.settings.move_nats
+        return found if found and found.explained.gain >= enough else None
+
     def _behind(
         self,
         tried: Sequence[Path],
@@ -198,9 +219,10 @@ class LastWord:
         stories: Sequence[Story],
         event: Event,
         whole: WholeMove,
+        misfit: float = MISFIT,
     ) -> Pair | None:
         """A second fault from where one of some paths no longer explains the move, or from one of some samples on."""
-        ends = {found.until for p in tried if (found := lasted(p, whole)) is not None}
+        ends = {found.until for p in tried if (found := lasted(p, whole, misfit)) is not None}
         stops = [end - round(WINDOW_S / whole.interval) for end in sorted(ends, reverse=True)[:SECONDS]]
         at_once: list[Pair] = []
         for stop in (*stops, *before):
@@ -304,7 +326,8 @@ class LastWord:
     def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path is better than nominal by more than chance, and more than the ring of a start.
 
-        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain; and in a stop.
+        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and its size
+        shows; and in a stop.
         """
         if _passes(path, whole, event.start_s):
             return False
@@ -312,7 +335,8 @@ class LastWord:
             more = max(_shown(path), path.later)
             return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
-        return min(path.gain, path.later if rings else math.inf) >= self.settings.move_nats
+        more = min(path.later, _shown(path)) if rings else math.inf
+        return min(path.gain, more) >= self.settings.move_nats
 
     def _move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
         """The move from a rest before it to its last sample under way, or so long into the rest after it."""
@@ -516,8 +540,8 @@ def _as_good(paths: Sequence[Path]) -> list[Path]:
 def _shown(path: Path) -> float:
     """Most nats by which the sizes that a path found are not none: of its gain, what is not of having begun anew.
 
-    In a stop a mass sticks sooner or later than nominal foresees, and every fault that is entered there gains alike. Of a lost
-    coupling no size is none.
+    In a start or a stop a mass sticks sooner or later than nominal foresees, and every fault that is entered there gains
+    alike. Of a lost coupling no size is none.
     """
     sizes = [constant(path, own) for own in path.hypothesis.own if own.name in NONE_AT_ZERO]
     return sum(0.5 * (value / std) ** 2 for value, std in sizes if std) if sizes else math.inf

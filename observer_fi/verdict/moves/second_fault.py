@@ -13,7 +13,8 @@ from observer_fi.records import Array
 from observer_fi.verdict.moves.whole_move import LEFT, Path, WholeMove
 
 WINDOW_S = 0.05  # over which a misfit is averaged
-MISFIT = 1.8  # times the expected NIS over it: right filters reach 1.5
+# Times the expected NIS over it: right filters reach 1.5, and so does one whose fault grows at will where another one sets in.
+MISFIT, SUSPECT = 1.8, 1.35
 SOON_S = 0.06  # after its begin and end a fault is not held to it: what it is like has to be found
 
 
@@ -30,8 +31,11 @@ class Lasted(NamedTuple):
     memory: HypothesisState
 
 
-def lasted(path: Path, whole: WholeMove) -> Lasted | None:
-    """How long a path explains its move; None where until the motor stops: what a stop adds is no second fault."""
+def lasted(path: Path, whole: WholeMove, misfit: float = MISFIT) -> Lasted | None:
+    """How long a path explains its move; None where until the motor stops: what a stop adds is no second fault.
+
+    misfit: times the expected NIS that is none any more.
+    """
     h = path.hypothesis
     if path.begin >= whole.moving:
         return None
@@ -40,7 +44,7 @@ def lasted(path: Path, whole: WholeMove) -> Lasted | None:
     for near in (None, path.memory):  # a wall is not found soon: what is no misfit from either is none
         entered = whole.entered(path, near)
         _, nis = whole.followed(h, entered, path.begin)
-        until = first_misfit(nis[: stop - path.begin], whole.expected(h), whole)
+        until = first_misfit(nis[: stop - path.begin], whole.expected(h), whole, misfit)
         if until is None:
             break
     if until is not None:
@@ -49,18 +53,18 @@ def lasted(path: Path, whole: WholeMove) -> Lasted | None:
         return None
     back = whole.healed(path)
     _, later = whole.followed(whole.nominal, back, path.end)
-    until = first_misfit(later[: whole.moving - path.end], whole.expected(whole.nominal), whole)
+    until = first_misfit(later[: whole.moving - path.end], whole.expected(whole.nominal), whole, misfit)
     return None if until is None else Lasted(path.end + until, whole.nominal, path.end, back)
 
 
-def first_misfit(nis: Array, expected: float, whole: WholeMove) -> int | None:
+def first_misfit(nis: Array, expected: float, whole: WholeMove, misfit: float = MISFIT) -> int | None:
     """First sample of a window over which the mean NIS is beyond what a right filter shows, None where there is none."""
     window = max(LEFT, round(WINDOW_S / whole.interval))
     soon = round(SOON_S / whole.interval)
     if nis.size < soon + window:
         return None
     mean = np.convolve(nis[soon:], np.ones(window) / window, "valid")
-    over = np.flatnonzero(mean > MISFIT * expected)
+    over = np.flatnonzero(mean > misfit * expected)
     return int(over[0]) + soon if over.size else None
 
 
