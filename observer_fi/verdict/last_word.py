@@ -326,8 +326,8 @@ class LastWord:
     def _counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path is better than nominal by more than chance, and more than the ring of a start.
 
-        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and its size
-        shows; and in a stop.
+        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and a size
+        that stands shows; and in a stop.
         """
         if _passes(path, whole, event.start_s):
             return False
@@ -335,7 +335,8 @@ class LastWord:
             more = max(_shown(path), path.later)
             return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
-        more = min(path.later, _shown(path)) if rings else math.inf
+        stands = all(own.growth == 0.0 for own in path.hypothesis.own)
+        more = min(path.later, _shown(path) if stands else math.inf) if rings else math.inf
         return min(path.gain, more) >= self.settings.move_nats
 
     def _move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:

@@ -14,7 +14,7 @@ from observer_fi.verdict.moves.whole_move import LEFT, Path, WholeMove
 
 WINDOW_S = 0.05  # over which a misfit is averaged
 # Times the expected NIS over it: right filters reach 1.5, and so does one whose fault grows at will where another one sets in.
-MISFIT, SUSPECT = 1.8, 1.35
+MISFIT, SUSPECT = 1.8, 1.25
 SOON_S = 0.06  # after its begin and end a fault is not held to it: what it is like has to be found
 
 
