@@ -73,11 +73,11 @@ def mostly(label: str, event: Event) -> dict[str, float]:
     return {k: SURE if k == label else others for k in event.posterior}
 
 
-def or_jammed(event: Event, why: str = "") -> Event:
-    """A healthy event whose friction may as well have risen."""
-    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, "jam": 0.5}
+def or_else(event: Event, label: str, why: str = "") -> Event:
+    """A healthy event that may as well have a fault."""
+    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, label: 0.5}
     reasons = (why,) if why else event.reasons
-    return event._replace(probability=0.5, posterior=posterior, alike=("jam",), reasons=reasons)
+    return event._replace(probability=0.5, posterior=posterior, alike=(label,), reasons=reasons)
 
 
 def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
@@ -113,8 +113,9 @@ def jammed_before(
         return event
     factor = 1.0 + rise
     if rise < strain_limit * spread:
-        return or_jammed(
+        return or_else(
             event,
+            "jam",
             f"friction is {factor:.2f} times that of the rig file from the start on: it rose then, or this rig's is so",
         )
     half = Z95 * float(np.hypot(std, factor * rig.spread("A")))

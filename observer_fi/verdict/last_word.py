@@ -17,7 +17,7 @@ from observer_fi.numerics import digits
 from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import COMES_AND_GOES, STOP_S, SURE, jammed_before, mostly
+from observer_fi.verdict.drift import COMES_AND_GOES, STOP_S, SURE, jammed_before, mostly, or_else
 from observer_fi.verdict.isolate import AT_START_S, healthy
 from observer_fi.verdict.moves.second_fault import (
     MISFIT,
@@ -79,9 +79,10 @@ TOGETHER_S = 0.1  # between the begins of two faults that may be one
 CLEARLY = (
     6.0  # times the nats of another fault, by which two explain what one whose size changes does as well
 )
-BLIND = (
-    1e-3  # probability from which a lost coupling is as good as a frozen position, and the other way about
-)
+# Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
+# has 3.
+A_LITTLE_OF, A_LITTLE = ("slip", "jam"), 5.0
+BLIND = 1e-3  # probability from which a lost coupling is as good as a frozen position
 
 
 class Explained(NamedTuple):
@@ -173,8 +174,33 @@ class LastWord:
                 return (
                     jammed  # the ring of a soft start, which nominal explains as well as the rest of the move
                 )
+        if event.label == NOMINAL:
+            return self._or_a_little(event, paths, whole)
         fits = float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
-        return healthy(event) if event.label not in (NOMINAL, UNKNOWN) and not counted and fits else event
+        return healthy(event) if event.label != UNKNOWN and not counted and fits else event
+
+    def _or_a_little(self, event: Event, paths: Sequence[Path], whole: WholeMove) -> Event:
+        """Health, or else the fault that explains it better by less than chance may where a begin is sought in every doubt."""
+        for path in paths[:1]:
+            label, t = path.hypothesis.label, whole.window.t
+            ends = whole.moving - round(STOPPED_S / whole.interval)
+            in_motion = t[path.begin] >= event.start_s + SETTLED_S and path.begin < ends
+            enough = A_LITTLE if in_motion else self.settings.move_nats
+            shows = in_motion or _shown(path) >= self.settings.move_nats
+            fits = path.nis <= WELL * whole.expected(path.hypothesis) and whole.lasts(path)
+            if (
+                label in A_LITTLE_OF
+                and path.gain >= enough
+                and shows
+                and fits
+                and any(self._stories(path, whole))
+            ):
+                return or_else(
+                    event,
+                    label,
+                    f"{FAULTS[label].words} may have begun at {t[path.begin]:.3f} s, by too little to say so",
+                )
+        return event
 
     @staticmethod
     def _of_the_stop(whole: WholeMove) -> list[Path]:

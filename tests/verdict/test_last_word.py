@@ -300,6 +300,21 @@ def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
     assert low < rise < high < 1.3 * rise
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "kind", "label"),
+    [(200040, "slip_growing", "slip"), (190017, "slip_growing", "slip"), (190015, "in_a_start", "jam")],
+)
+def test_a_fault_too_small_to_say_so_is_no_all_clear(seed: int, kind: str, label: str) -> None:
+    """A slip of 2 % by the end of its move, and a jam of a tenth in a start."""
+    placed = kind in hidden.PLACED_KINDS
+    spec = (hidden.draw_placed_case if placed else hidden.draw_severity_case)(seed, kind)
+    v = of(spec, seed)
+    assert v.label == "nominal" and v.alike == (label,) and v.probability == 0.5
+    healthy = of(replace(spec, fault=hidden.NO_FAULT), seed)
+    assert healthy.label == "nominal" and healthy.alike == ()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
     v = verdict(hidden.NO_FAULT, replace(hidden.TABLE_1, A=1.42 * hidden.TABLE_1.A), seed=seed)

@@ -15,7 +15,7 @@ from observer_fi.bank import ROOMS, Bank, HypothesisState, LogSamples, with_room
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Estimate, Event
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import COMES_AND_GOES, Drift, or_jammed
+from observer_fi.verdict.drift import COMES_AND_GOES, Drift, or_else
 from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
 from observer_fi.verdict.last_word import Explained, LastWord
 from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove, window_of
@@ -122,7 +122,7 @@ def _or_a_day(event: Event) -> Event:
     health = healthy(event)
     if event.label != "jam" or health.label != NOMINAL:
         return health
-    return or_jammed(health)
+    return or_else(health, "jam")
 
 
 def _small(event: Event) -> bool:
