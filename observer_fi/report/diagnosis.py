@@ -137,7 +137,7 @@ def json_text(value: Any) -> str:
 
 
 def headline(outcome: Outcome) -> str:
-    """The verdict in one line."""
+    """The verdict in one line, with the labels that are as good."""
     isolation, _ = _complete(outcome)
     verdict = isolation.verdict
     if verdict.label == NOT_TESTED:
@@ -145,6 +145,7 @@ def headline(outcome: Outcome) -> str:
     words = NAMES[verdict.label].lower()
     if verdict.channel:
         words += f" ({verdict.channel})"
+    words = " or ".join((words, *(NAMES[label].lower() for label in verdict.alike)))
     if verdict.onset_s is not None:
         words += f" since {verdict.onset_s:.3f} s"
     return f"{words}, probability {percent(verdict.probability)}"
