@@ -51,6 +51,7 @@ from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, untested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
+OF_A_DAY_NATS = 3000.0  # over nominal: what a friction a few percent off from the start on never gains
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 NEAR_S = 0.1  # shown on either side of a moment
@@ -315,7 +316,13 @@ class Diagnosis:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
-        finished = [of_the_day(self._finished(e), self.rig) for e in found.events]
+        explained = self.last_word.explained
+        finished = [
+            of_the_day(
+                self._finished(e), self.rig, explained[e.start_s].gain if e.start_s in explained else 0.0
+            )
+            for e in found.events
+        ]
         if (
             self.isolator.channels.lacks("voltage") and not self.rig.watched.servo
         ):  # a known servo tells its motor
@@ -398,12 +405,15 @@ def _moments(event: Event) -> list[sketch.Span]:
     return spans + [(at - NEAR_S, at + NEAR_S) for at in (event.over_s, event.end_s) if at is not None]
 
 
-def of_the_day(event: Event, rig: Rig) -> Event:
-    """The event, healthy where friction was up from the start on by no more than it is from one day to the next."""
+def of_the_day(event: Event, rig: Rig, gain: float = 0.0) -> Event:
+    """The event, healthy where friction was up from the start on by no more than it is from one day to the next.
+
+    gain: nats of that friction over nominal. Where they are many, it was up by more before the end of the move.
+    """
     rises = [s.value for s in event.severity if event.label == "jam" and s.name == "friction_rise"]
     from_the_start = event.onset_s is not None and event.onset_s - event.start_s < SETTLED_S
     usual = bool(rises) and 0.0 <= rises[0] < usual_rise(rig)
-    return healthy(event) if usual and from_the_start else event
+    return healthy(event) if usual and from_the_start and gain < OF_A_DAY_NATS else event
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

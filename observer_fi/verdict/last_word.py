@@ -40,6 +40,7 @@ from observer_fi.verdict.moves.stories import (
     posterior_of,
     special_case,
     takes_up_any_load,
+    worth,
 )
 from observer_fi.verdict.moves.whole_move import (
     CHANGE_NATS,
@@ -226,7 +227,9 @@ class LastWord:
         if tried and tried[0].end is not None:  # it seems over where another one takes its place
             before.insert(0, tried[0].end - STRIDE)
         found = self._behind(tried, before, stories, event, whole)
-        return None if found and named and found.explained.gain < stories[0].gain + more else found
+        at_will = named or (found is not None and found.event.then[0].label == UNKNOWN)
+        least = -math.inf if not stories else stories[0].gain + more if at_will else worth(stories[0])
+        return found if found and found.explained.gain >= least else None
 
     def _suspected(self, stories: Sequence[Story], event: Event, whole: WholeMove) -> Pair | None:
         """A second fault where the best story no longer explains the move, or only by a size that changes there."""
@@ -464,7 +467,7 @@ class LastWord:
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
         value *= whole.against(path) if own.of_friction else 1.0
-        if path.hypothesis.label == "jam" and own.of_friction and value <= 0.0:
+        if path.hypothesis.label == "jam" and own.of_friction and (value <= 0.0 or whole.turns(path, own)):
             return False
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)

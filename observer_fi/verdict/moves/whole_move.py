@@ -13,7 +13,7 @@ import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
-from observer_fi.physics import INDEX
+from observer_fi.physics import INDEX, OwnState
 from observer_fi.records import Array, Event
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
@@ -30,6 +30,7 @@ WELL, HOPELESS = 1.2, 0.7
 BY_CHANCE = 3.0  # standard deviations by which a fault of the right law may fit worse than nominal before it
 # A sample, that a sensor which failed without any misfit gains where its noise is less than it should be: 0.03 in a healthy move.
 LITTLE_NATS = 0.1
+DRIVES = 4.0  # standard deviations beyond none, at which a torque drives the motion
 KEPT = 5  # hypotheses of each look that are followed to the end
 ROUNDS, ROUND_NATS = 4, 1.0  # of an iterated filter, and what a round must gain for another one
 
@@ -263,6 +264,17 @@ class WholeMove:
     def against(self, path: Path) -> float:
         """Sign of the free torque of a path that is against the motion: friction is so either way."""
         return 1.0 if path.hypothesis.model["rubbing"] else self.direction(path.begin, path.end)
+
+    def turns(self, path: Path, own: OwnState) -> bool:
+        """Whether a torque that a fault adds to friction drives the motion for a while, as friction never does."""
+        h, last = path.hypothesis, self.n if path.end is None else path.end
+        memories, _ = self.followed(h, self.entered(path), path.begin)
+        k = h.states.index(own.name)
+        found = (
+            (float(m.x[k]), float(m.P[k, k]))
+            for m in memories[LEFT // STRIDE : (last - path.begin) // STRIDE]
+        )
+        return any(self.against(path) * value < -DRIVES * math.sqrt(max(var, 0.0)) for value, var in found)
 
     def reads_as_usual(self, path: Path) -> bool:
         """Whether nominal explains what a failed sensor read no worse than it should, and believing it costs next to nothing.
