@@ -15,6 +15,14 @@ def runs(mask: NDArray[np.bool_]) -> tuple[Rows, Rows]:
     return edges[::2], edges[1::2]
 
 
+def count_in_rows(mask: NDArray[np.bool_]) -> Rows:
+    """How many of each row of mask (n, k) are True, (n,): column by column, a tenth of the time of a sum over short rows."""
+    found = np.zeros(len(mask), dtype=np.int64)
+    for column in mask.T:
+        found += column
+    return found
+
+
 def constant_runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
     """(first row, row after the last) of every stretch of equal values, in order; together they cover all rows."""
     changes = np.flatnonzero(values[1:] != values[:-1]) + 1
@@ -61,3 +69,25 @@ def _follow(y: Array, weight: float, mean: Array, out: Array) -> None:
         for c in range(y.shape[1]):
             mean[c] = weight * y[k, c] + (1.0 - weight) * mean[c]
             out[k, c] = mean[c]
+
+
+def first_beyond(y: Array, weight: float, mean: Array, seen: int, limit: float) -> int:
+    """First row of y (n, k) whose exponentially weighted mean is beyond `limit` standard deviations of it, n where there is none.
+
+    y: standard normal where nothing is wrong, `seen` rows of it went before; mean (k,): see `weighted_means`. Such a mean of r
+    rows has the variance w / (2 - w) (1 - (1 - w)^2r) (Roberts 1959).
+    """
+    return int(_first_beyond(np.ascontiguousarray(y), weight, mean, (1.0 - weight) ** (2 * seen), limit))
+
+
+@uncounted
+def _first_beyond(y: Array, weight: float, mean: Array, left: float, limit: float) -> int:
+    first = y.shape[0]
+    for k in range(y.shape[0]):
+        left *= (1.0 - weight) * (1.0 - weight)
+        most = limit * limit * weight / (2.0 - weight) * (1.0 - left)
+        for c in range(y.shape[1]):
+            mean[c] = weight * y[k, c] + (1.0 - weight) * mean[c]
+            if mean[c] * mean[c] > most:
+                first = min(first, k)
+    return first

@@ -21,6 +21,7 @@ from observer_fi.physics import (
     Rig,
     acquisition_table,
     colour_of,
+    mode_of,
     words_of,
 )
 from observer_fi.records import Event, Isolation, Log, Outcome
@@ -302,14 +303,30 @@ def doubts(outcome: Outcome) -> list[str]:
     found += [f"{reason[0].upper()}{reason[1:]}." for reason in untold]
     if verdict.isolated_s is None and verdict.label != NOMINAL:
         found.append(
-            "While it ran, no hypothesis of the bank said so: curves below show what they thought, the verdict is that of the "
-            "whole move, looked at afterwards."
+            f"{_under_way(outcome)}: the verdict is that of the whole move, looked at afterwards."
             if verdict.probability > _CERTAIN
             else "The verdict never stayed above 95 % until the end of its move: a longer move would settle it."
         )
     if log.notes:
         found.append("The log has notes, listed below, that bear on what can be known from it.")
     return found
+
+
+def _under_way(outcome: Outcome) -> str:
+    """What the bank itself held of a verdict that the whole move gave, as the curves below show it."""
+    verdict, traces = _complete(outcome)[0].verdict, outcome.overview
+    mode = mode_of(verdict.label, verdict.channel)
+    if traces is not None and mode in outcome.modes:
+        since = verdict.start_s if verdict.onset_s is None else verdict.onset_s
+        ours = traces.probability[
+            (traces.t >= since) & (traces.t <= verdict.end_s), outcome.modes.index(mode)
+        ]
+        sure = ours > _CERTAIN
+        if sure.size and sure[-1]:
+            return "While it ran, the bank came to hold it for certain too, but had to leave others open"
+        if sure.any():
+            return "While it ran, the bank held it for certain for a time and then let go of it"
+    return "While it ran, no hypothesis of the bank said so, and curves below show what they thought"
 
 
 def _refused(outcome: Outcome) -> str | None:

@@ -4,7 +4,17 @@ what told for it, and how well the winner fits.
 
 import numpy as np
 
-from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, OPEN_LOOP, colour_of, mode_of, words_of
+from observer_fi.physics import (
+    FAULTS,
+    LABELS,
+    NOMINAL,
+    NOT_TESTED,
+    OPEN_LOOP,
+    channel_of,
+    colour_of,
+    mode_of,
+    words_of,
+)
 from observer_fi.records import Array, Event, Isolation, Outcome, Traces
 from observer_fi.report.interactive import INK, MUTED, TIME, Charts, Level, Mark, Panel, Series, View
 
@@ -44,13 +54,19 @@ def draw(outcome: Outcome) -> dict[str, Charts]:
 
 
 def signals(traces: Traces, modes: tuple[str, ...], isolation: Isolation) -> list[Panel]:
-    """Measured voltage, current, position and speed, with what the winner and the healthy model predict a sample ahead."""
+    """Measured voltage, current, position and speed, with what the winner and the healthy model predict a sample ahead.
+
+    Of a channel that is not measured nothing corrects the models: what they make of it is not drawn, of the speed the command is.
+    """
     measured = [traces.z[:, 0], traces.z[:, 1], traces.z[:, 2], traces.w]
     predicted = [*(traces.predicted[:, :, c] for c in range(3)), traces.w_predicted]
     mode = mode_of(isolation.verdict.label, isolation.verdict.channel)
     drawn = [name for name in dict.fromkeys((mode, NOMINAL)) if name in modes]
     panels = []
     for r, (name, unit, factor, least) in enumerate(CHANNELS):
+        if not np.isfinite(measured[r]).any():
+            panels += [_commanded(traces)] if r == 3 and traces.w_cmd.any() else []
+            continue
         lines = [Series("measured", factor * measured[r], MEASURED, 1.2)]
         for model, dash in zip(drawn, ((), (5, 3)), strict=False):
             y = factor * predicted[r][:, modes.index(model)]
@@ -60,6 +76,13 @@ def signals(traces: Traces, modes: tuple[str, ...], isolation: Isolation) -> lis
         about = f"{name} over time: measured, and what {words_of(drawn[0])} predicts one sample ahead."
         panels.append(Panel(name, unit, traces.t, tuple(lines), about, link=TIME, least=least))
     return panels
+
+
+def _commanded(traces: Traces) -> Panel:
+    """The speed where nothing measures it."""
+    line = Series("commanded", traces.w_cmd, MUTED, 1.2)
+    about = "Commanded speed over time; nothing in this log measures the speed."
+    return Panel("Speed", "rad/s", traces.t, (line,), about, link=TIME, least=CHANNELS[3][3])
 
 
 def posterior(traces: Traces, isolation: Isolation) -> Panel:
@@ -103,7 +126,9 @@ def evidence(traces: Traces, modes: tuple[str, ...], verdict: Event) -> Panel:
     odds = (traces.evidence[:, [winner]] - traces.evidence) / np.log(10.0) * (1.0 if ours else -1.0)
     known = verdict.end_s if verdict.isolated_s is None else verdict.isolated_s
     row = np.abs(odds[max(int(np.searchsorted(traces.t, known, "right")) - 1, 0)])
-    order = [j for j in np.argsort(row, kind="stable").tolist() if j != winner]
+    absent = [name for c, (name, _) in enumerate(BY_CHANNEL) if not np.isfinite(traces.z[:, c]).any()]
+    rivals = [j for j, m in enumerate(modes) if j != winner and channel_of(m) not in absent]
+    order = sorted(rivals, key=lambda j: float(row[j]))
     against = "against {}" if ours else "{} against no fault"
     lines = tuple(
         Series(against.format(words_of(modes[j])), odds[:, j], colour_of(modes[j]), 1.6, shown=k < RIVALS)
@@ -237,7 +262,7 @@ def captions(outcome: Outcome) -> dict[str, str]:
     verdict = None if outcome.isolation is None else outcome.isolation.verdict
     if verdict is not None and verdict.label != NOMINAL and verdict.isolated_s is None:
         found["log"] += (
-            " No hypothesis was certain while the move ran: the thick dashed probability is what the whole move says."
+            " The verdict was not certain while the move ran: the thick dashed probability is what the whole move says."
         )
     return found
 

@@ -23,6 +23,9 @@ from observer_fi.records import Array, Filter, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, quantity, versions
 
+_SAME = 0.97, 1.03  # a ratio of rms errors within is told as no change
+FAR_NOISIER = 10.0  # times the noise of the rig file: nats a sample by that say nothing of the fit
+
 Gain = tuple[DiagnosisGain, DiagnosisGain] | None
 
 
@@ -43,7 +46,7 @@ def improve_files(
         rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
         likeness=likeness(record), shape=shape, wanted=WANTED_NATS, close=CLOSE_SHARE, close_alike=CLOSE_ALIKE,
-        digits_of=to_the_error, not_kept=not_kept(record), size=reader_of(record),
+        digits_of=to_the_error, fitted=fitted, errors=errors_words, not_kept=not_kept(record), size=reader_of(record),
         main=learning_figures.main_channel(record.before),
         smallest=lambda name, size: reader_of(record)(Value(size, 0.0, 0.0, PARAMETERS[name][0])),
     )  # fmt: skip
@@ -168,6 +171,24 @@ def _missing(record: Improvement) -> str:
     return f"The simulation misses {', '.join(named)}{rest}"
 
 
+def fitted(parameters: Mapping[str, Value]) -> dict[str, Value]:
+    """Those that were estimated; one without an error is a choice between forms of the cause, which says nothing of its size."""
+    return {name: v for name, v in parameters.items() if v.std} or dict(parameters)
+
+
+def errors_words(ratios: Mapping[str, float]) -> str:
+    """What becomes of the rms errors on samples that no fit saw, as the end of a sentence; "" where there are none."""
+    told: dict[str, list[str]] = {"falls to": [], "rises to": [], "stays as it was": []}
+    for column, ratio in ratios.items():
+        name = column.split("_")[0]
+        if _SAME[0] <= ratio < _SAME[1]:
+            told["stays as it was"].append(f"({name})")
+        else:
+            told["falls to" if ratio < 1.0 else "rises to"].append(f"{100.0 * ratio:.0f} % ({name})")
+    said = [f"{verb} {', '.join(what)}" for verb, what in told.items() if what]
+    return f"; their rms error {', '.join(said)}" if said else ""
+
+
 def identify_files(
     fit: Fit, rig: Rig, identified: Rig, by_phase: Mapping[str, Array], name: str, logs: list[str],
     note: str = "",
@@ -181,6 +202,7 @@ def identify_files(
         fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters), figures=drawn,
         value=with_error, digits_of=to_the_error,
         versions=versions(), by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
+        noisier=[name for name, std in identified.noise.items() if std > FAR_NOISIER * rig.noise.get(name, math.inf)],
         units={name: unit for name, (unit, _) in PARAMETERS.items()},
     )  # fmt: skip
     return {

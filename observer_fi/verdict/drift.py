@@ -7,7 +7,7 @@ exponentially weighted mean (Roberts 1959) costs nothing in memory and says when
 import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState
-from observer_fi.numerics import weighted_means
+from observer_fi.numerics import first_beyond, weighted_means
 from observer_fi.physics import FAULTS, NOMINAL, Rig
 from observer_fi.records import Array, Event, Severity
 
@@ -42,16 +42,14 @@ class Drift:
         if self.since is not None or not t.size:
             return
         z = np.nan_to_num(normalised[:, CHANNELS])
-        k = self.seen + np.arange(1, t.size + 1)
+        weights = [min(interval / time, 1.0) for time in TIMES_S]
+        first = min(
+            first_beyond(z, weight, mean, self.seen, LIMIT)
+            for weight, mean in zip(weights, self.means, strict=True)
+        )
         self.seen += t.size
-        for j, time in enumerate(TIMES_S):
-            weight = min(interval / time, 1.0)
-            mean = weighted_means(z, weight, self.means[j])
-            std = np.sqrt(weight / (2.0 - weight) * (1.0 - (1.0 - weight) ** (2 * k)))
-            beyond = np.flatnonzero((np.abs(mean) > LIMIT * std[:, None]).any(axis=1))
-            if beyond.size:
-                found = float(t[beyond[0]])
-                self.since = found if self.since is None else min(self.since, found)
+        if first < t.size:
+            self.since = float(t[first])
 
 
 def largest_means(normalised: Array, interval: float) -> Array:
@@ -86,8 +84,11 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
     strain_limit: standard deviations of the spread from rig to rig that are believable.
     """
     recent = bank.recent
+    gone = not bank.snapshots or event.end_s < bank.snapshots[0][0]  # as of most moves of a long log
+    if event.label != NOMINAL or gone or recent is None:
+        return event
     known = [(t, state) for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
-    if event.label != NOMINAL or not known or recent is None:
+    if not known:
         return event
     k = min(int(np.searchsorted(recent.t, known[0][0])), recent.t.size - 1)
     slope = float(np.sign(recent.w_cmd[k]) * recent.theta[k])

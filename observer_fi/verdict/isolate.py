@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.bank import usual_step
+from observer_fi.numerics import count_in_rows, runs
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
 from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
@@ -21,6 +22,7 @@ from observer_fi.verdict.drift import STOP_S, Drift
 from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
+Rows = NDArray[np.int64]
 SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
 SETTLING = 8  # samples after a change of winner
 TINY = 1e-300  # a probability that is none
@@ -66,6 +68,8 @@ class Measured:
 
     def add(self, e: Estimate) -> None:
         """Take more samples."""
+        if self.there.all():
+            return
         there = np.isfinite(e.normalised)
         self.there |= there.any(axis=0)
         if self.there.all():
@@ -130,20 +134,22 @@ class EventTracker:
             self._add_motion(e, step)
             return
         if e.active.any():
-            self._add_motion(rows_of(e, e.active), step)
-        self._add_stop(rows_of(e, ~e.active), step)
-        self._add_rest(e.nis[~e.active])
+            self._add_motion(rows_of(e, _where(e.active)), step)
+        still = _where(~e.active)
+        self._add_stop(rows_of(e, still), step)
+        self._add_rest(e.nis[still])
 
     def _add_motion(self, e: Estimate, step: float) -> None:
         p = e.probability
+        winner = p.argmax(axis=1)
         self.strained |= set(
             np.flatnonzero((e.strain > self.settings.strain_limit).any(axis=0)).tolist()
             if e.strain.size
             else ()
         )
-        self._misfit(e, p, max(LEAST, round(self.settings.window_s / step)) if step else 0)
+        self._misfit(e, winner, max(LEAST, round(self.settings.window_s / step)) if step else 0)
         if self.drift is not None and step:
-            ours = np.where((p.argmax(axis=1) == 0)[:, None], e.normalised, 0.0)
+            ours = np.where((winner == 0)[:, None], e.normalised, 0.0)
             self.drift.add(e.t, ours, step)
         nominal = p[:, 0] >= 0.5
         certain = p > self.settings.isolated
@@ -155,11 +161,10 @@ class EventTracker:
             self.doubted = float(e.t[after]) if after < e.t.size else np.nan
         elif np.isnan(self.doubted):
             self.doubted = float(e.t[0])
-        self._settle(p)
+        self._settle(p, winner)
 
-    def _settle(self, p: Array) -> None:
+    def _settle(self, p: Array, winner: Rows) -> None:
         """Keep how long the winner has been it, and the probabilities before that."""
-        winner = p.argmax(axis=1)
         bounds = [0, *(np.flatnonzero(np.diff(winner)) + 1).tolist(), len(p)]
         for first, last in pairwise(bounds):
             if self.final is not None and winner[first] != int(self.final.argmax()):
@@ -211,18 +216,17 @@ class EventTracker:
             return float(t[min(sure[-1] + 1, t.size - 1)]) if sure[-1] < k else float(t[k])
         return float(t[0]) if np.isnan(self.doubted) else self.doubted
 
-    def _misfit(self, e: Estimate, p: Array, window: int) -> None:
+    def _misfit(self, e: Estimate, winner: Rows, window: int) -> None:
         """When the winner's mean NIS over a window, over its expectation, first exceeded what a right model shows.
 
         Samples on which no hypothesis is certain, or has only just become so, are not held against the winner.
         """
-        self._no_nominal(e, window)
-        winner = p.argmax(axis=1)
-        nis = e.nis[np.arange(e.t.size), winner]
-        measured = np.isfinite(e.normalised).sum(axis=1)
-        ratio = np.where(measured > 0, nis / np.maximum(measured, 1), 1.0)
+        measured = count_in_rows(np.isfinite(e.normalised))
+        self._no_nominal(e, measured, window)
+        here = np.arange(e.t.size)
+        ratio = np.where(measured > 0, e.nis[here, winner] / np.maximum(measured, 1), 1.0)
         changed = np.diff(winner, prepend=self.winner) != 0
-        changed |= p.max(axis=1) <= self.settings.isolated
+        changed |= e.probability[here, winner] <= self.settings.isolated
         changed = np.concatenate((self.unsettled, changed))
         settling = np.convolve(changed, np.ones(SETTLING), "valid") > 0
         joined = np.concatenate((self.ratios, np.where(settling, 1.0, ratio)))
@@ -235,10 +239,13 @@ class EventTracker:
         self.winner, self.unsettled = int(winner[-1]), changed[1 - SETTLING :]
         self.ratios = joined[-(window - 1) :]
 
-    def _no_nominal(self, e: Estimate, window: int) -> None:
-        """When the mean NIS of nominal over a window last exceeded what the start of a rig that is off shows."""
-        measured = np.maximum(np.isfinite(e.normalised).sum(axis=1), 1)
-        joined = np.concatenate((self.nominal_ratios, np.nan_to_num(e.nis[:, 0] / measured)))
+    def _no_nominal(self, e: Estimate, measured: Rows, window: int) -> None:
+        """When the mean NIS of nominal over a window last exceeded what the start of a rig that is off shows.
+
+        measured (n,): channels that a sample has.
+        """
+        ratios = np.nan_to_num(e.nis[:, 0] / np.maximum(measured, 1))
+        joined = np.concatenate((self.nominal_ratios, ratios))
         if joined.size >= window > 0:
             mean = np.convolve(joined, np.ones(window) / window, "valid")
             over = np.flatnonzero(mean > self.settings.latch_nis)
@@ -399,6 +406,12 @@ def rows_of(e: Estimate, rows: slice | Mask) -> Estimate:
     )  # fmt: skip
 
 
+def _where(mask: Mask) -> slice | Mask:
+    """The mask, or the slice that it is where it has one run: of a slice nothing has to be copied."""
+    first, last = runs(mask)
+    return slice(int(first[0]), int(last[0])) if first.size == 1 else mask
+
+
 class Isolator:
     """Cuts the stream of estimates into moves and keeps a verdict for each; O(1) in the length of a move.
 
@@ -502,6 +515,8 @@ def healthy(event: Event) -> Event:
 def _spikes(normalised: Array) -> Mask:
     """Readings that stand alone, or in twos, where no model is near: an interference on a wire says nothing of the fit. [n, c]"""
     gross = np.abs(normalised) > SPIKE
+    if not gross.any():
+        return gross
     lasting = np.zeros((len(gross) + 4, gross.shape[1]), dtype=bool)
     three = gross[:-2] & gross[1:-1] & gross[2:]
     for k in range(3):
@@ -534,7 +549,7 @@ class Whiteness:
         good = np.isfinite(v) & ~_spikes(v)
         self.nis += float((np.where(good, v, 0.0) ** 2).sum())
         self.expected += float(good.sum())
-        self.samples += int(good.any(axis=1).sum())
+        self.samples += int(np.count_nonzero(count_in_rows(good)))
         speed, command = e.states[e.active, 0], e.states[e.active, 3]
         good &= (np.abs(speed - command) < self.STEADY * np.abs(command))[:, None]
         u = np.clip(np.where(good, v, 0.0), -5.0, 5.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import log_feed
-from observer_fi.numerics import digits
+from observer_fi.numerics import count_in_rows, digits
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNLEARNED, Rig, words_of
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
@@ -78,7 +78,7 @@ def never_learned(rig: Rig, label: str) -> str:
 
 def moving_samples(e: Estimate) -> int:
     """Samples that count as evidence and have a reading."""
-    return int((e.active & np.isfinite(e.normalised).any(axis=1)).sum())
+    return int(np.count_nonzero(e.active & (count_in_rows(np.isfinite(e.normalised)) > 0)))
 
 
 def not_tested(reason: str) -> Event:

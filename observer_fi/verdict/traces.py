@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.numerics import inlined, uncounted
 from observer_fi.physics import LABELS, Rig, label_of
 from observer_fi.physics import paper_residuals as residuals
 from observer_fi.records import Array, Estimate, Event, Log, Traces
@@ -65,7 +66,7 @@ class Evidence:
     """What the samples of a move so far say for each hypothesis [nats], as far as it moves; a rest says nothing."""
 
     def __init__(self) -> None:
-        self.before: Array | None = None  # at the end of the last chunk
+        self.told: Array | None = None  # up to the end of the last chunk
 
     def add(self, e: Estimate, z: Array, std: Array, starts: Iterable[float]) -> Array:
         """The evidence at each of the next samples, (n, 4 m): how likely each hypothesis made them, less than the best of each
@@ -73,37 +74,51 @@ class Evidence:
 
         z (n, 3) readings; std (3,) their noise; starts: when moves began [s].
         """
-        found = np.concatenate((_less_likely(e), _spared(e, z, std)), axis=1)
-        before = np.zeros(found.shape[1]) if self.before is None else self.before
-        found[~e.active] = 0.0
-        np.cumsum(found, axis=0, out=found)
-        found += before
-        for start in sorted(starts):
+        m, n = len(e.modes), e.t.size
+        if self.told is None:
+            self.told = np.zeros(4 * m)
+        found, begins = np.empty((n, 4 * m)), np.zeros(n, dtype=np.bool_)
+        for start in starts:  # one may lie in an earlier chunk
             k = int(np.searchsorted(e.t, start))
-            if k < e.t.size and e.t[k] == start:
-                found[k:] -= found[k - 1] if k else before
-        if e.t.size:
-            self.before = found[-1].copy()
+            begins[k : k + 1] = e.t[k : k + 1] == start
+        density = e.density if e.density.size else np.zeros_like(e.probability)
+        of_all = (np.ascontiguousarray(of) for of in (density, e.predicted, z, std, e.active))
+        _add_up(*of_all, begins, self.told, found)
         return found
 
 
-def _less_likely(e: Estimate) -> Array:
-    """Log-density of each sample under each hypothesis less that of the best, (n, m)."""
-    if not e.density.size:
-        return np.zeros_like(e.probability)
-    told = np.where(np.isnan(e.density), 0.0, e.density)
-    np.clip(told, -_FINITE, _FINITE, out=told)
-    told -= told.max(axis=1, keepdims=True)
-    return np.maximum(told, -MOST_NATS, out=told)
+@uncounted
+def _add_up(
+    density: Array, predicted: Array, z: Array, std: Array, active: Array, begins: Array, told: Array, found: Array
+) -> None:  # fmt: skip
+    """Sum up in `told` what active samples tell, one after the other, anew from where a move begins.
+
+    density (n, m), predicted (n, m, 3), z (n, 3), std (3,), active and begins (n,), told (4 m,), found (n, 4 m). What is missing
+    tells nothing. Of a long log the arrays between numpy's steps, 20 MB a chunk, took a quarter of the time.
+    """
+    n, m = density.shape
+    for k in range(n):
+        if begins[k]:
+            for j in range(4 * m):
+                told[j] = 0.0
+        if active[k]:
+            best = -_FINITE
+            for j in range(m):
+                best = max(best, _finite(density[k, j]))
+            for j in range(m):
+                told[j] += max(_finite(density[k, j]) - best, -MOST_NATS)
+                for c in range(3):
+                    residual = (z[k, c] - predicted[k, j, c]) / std[c]
+                    if residual == residual:
+                        told[m + 3 * j + c] += max(-0.5 * (residual * residual), -MOST_NATS)
+        for j in range(4 * m):
+            found[k, j] = told[j]
 
 
-def _spared(e: Estimate, z: Array, std: Array) -> Array:
-    """Minus half the squared residual of each hypothesis over the noise, channel by channel, (n, 3 m)."""
-    half = (z[:, None, :] - e.predicted) / std
-    half *= half
-    half *= -0.5
-    half[np.isnan(half)] = 0.0
-    return np.maximum(half, -MOST_NATS, out=half).reshape(len(z), -1)
+@inlined
+def _finite(nats: float) -> float:
+    """A log-density as one can subtract it: 0 where there is none."""
+    return min(max(nats, -_FINITE), _FINITE) if nats == nats else 0.0
 
 
 def as_judged(traces: Traces, modes: tuple[str, ...], events: Sequence[Event]) -> Array:
@@ -147,6 +162,7 @@ class Samples:
 
     def __init__(self) -> None:
         self.kept: list[Array] = []
+        self.times = np.empty(0)  # of what is kept, in order
         self.count, self.most, self.first = 0, float(MOST_SAMPLES), np.nan
         self.tail: Array | None = None
         self.chunk: tuple[Array, Rows] | None = None
@@ -180,11 +196,12 @@ class Samples:
                 self._take(self.tail[(self.tail[:, 0] >= low) & (self.tail[:, 0] <= high)])
 
     def _take(self, table: Array) -> None:
-        for known in self.kept:
-            table = table[~np.isin(table[:, 0], known[:, 0])]
+        at = np.searchsorted(self.times, table[:, 0])
+        table = table[np.append(self.times, np.nan)[at] != table[:, 0]]
         if table.size and self.count + len(table) <= self.most:
             self.kept.append(table)
             self.count += len(table)
+            self.times = np.sort(np.concatenate((self.times, table[:, 0])))
             if len(self.kept) > 16:
                 self.kept = [np.vstack(self.kept)]
 

@@ -8,7 +8,9 @@ from observer_fi.numerics.series import (
     autocorrelation,
     constant_runs,
     correlation_time,
+    count_in_rows,
     filled,
+    first_beyond,
     runs,
     weighted_means,
 )
@@ -64,3 +66,30 @@ def test_weighted_means_are_the_filter_of_one_pole_whole_or_in_pieces() -> None:
     pieces = [weighted_means(part, weight, mean) for part in np.split(y, [1, 170])]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
     np.testing.assert_array_equal(mean, whole[-1])
+
+
+@pytest.mark.parametrize("cuts", [[], [1], [7, 8, 120, 333]])
+@pytest.mark.parametrize("weight", [0.5, 0.01])
+def test_a_mean_is_beyond_its_limit_where_the_formula_of_roberts_has_it(
+    cuts: list[int], weight: float
+) -> None:
+    y = np.random.default_rng(2).normal(size=(400, 2))
+    y[250:, 1] += 6.0
+    k = np.arange(1, 401)
+    before = weighted_means(y, weight, np.zeros(2))
+    std = np.sqrt(weight / (2.0 - weight) * (1.0 - (1.0 - weight) ** (2 * k)))
+    for limit in (2.0, 5.5, 1e3):
+        beyond = np.flatnonzero((np.abs(before) > limit * std[:, None]).any(axis=1))
+        mean, seen, found = np.zeros(2), 0, []
+        for part in np.split(y, cuts):
+            first = first_beyond(part, weight, mean, seen, limit)
+            found += [seen + first] if first < len(part) else []
+            seen += len(part)
+        assert found[:1] == beyond[:1].tolist()
+        np.testing.assert_allclose(mean, before[-1], rtol=1e-12)
+
+
+def test_counts_in_rows_are_sums_over_rows() -> None:
+    mask = np.random.default_rng(1).random((50, 3)) > 0.4
+    np.testing.assert_array_equal(count_in_rows(mask), mask.sum(axis=1))
+    assert count_in_rows(np.zeros((0, 3), dtype=np.bool_)).size == 0

@@ -314,8 +314,13 @@ def test_a_log_with_missing_samples_is_drawn(overload: Outcome) -> None:
     z[10:60], norm[10:60] = np.nan, np.nan
     z[:, 0] = np.nan
     holes = replace(overload, overview=replace(whole, z=z, norm=norm, w=np.full(whole.w.size, np.nan)))
-    assert not np.isfinite(lines_of(holes, "Voltage")["measured"]).any()
     assert not np.isfinite(lines_of(holes, "Current")["measured"][10:60]).any()
+    assert set(lines_of(holes, "Speed")) == {"t", "commanded"}
+    assert "Voltage" not in {panel.title for panel in figures.draw(holes)["log"].panels}
+    against = {name for name in lines_of(holes, "Evidence for overload since the onset")}
+    assert not any("voltage sensor" in name for name in against) and any(
+        "current sensor" in name for name in against
+    )
     json.loads(figures.draw(holes)["log"].json, parse_constant=pytest.fail)  # no NaN
 
 
@@ -323,6 +328,24 @@ def test_a_verdict_of_a_sensor_without_a_name_is_drawn(overload: Outcome) -> Non
     verdict = overload.isolation.verdict._replace(label="sensor_fault", channel=None, isolated_s=None)
     alike = replace(overload, isolation=replace(overload.isolation, verdict=verdict, events=(verdict,)))
     assert "sensor fault, by the whole move" in lines_of(alike, "Probability")
+
+
+def test_what_is_said_of_a_verdict_of_the_whole_move_is_what_the_curves_show(overload: Outcome) -> None:
+    verdict, whole = overload.isolation.verdict._replace(isolated_s=None), overload.overview
+    own, since = overload.modes.index("overload"), (whole.t >= verdict.onset_s) & (whole.t <= verdict.end_s)
+    shares = {
+        "came to hold it for certain": np.ones(whole.t.size),
+        "for a time and then let go": np.where(np.cumsum(since) < 50, 1.0, 0.2),
+        "no hypothesis of the bank said so": np.full(whole.t.size, 0.2),
+    }
+    for words, share in shares.items():
+        probability = whole.probability.copy()
+        probability[since, own] = share[since]
+        told = replace(
+            overload, isolation=replace(overload.isolation, verdict=verdict),
+            overview=replace(whole, probability=probability),
+        )  # fmt: skip
+        assert [other for other in shares if other in " ".join(report.doubts(told))] == [words]
 
 
 @pytest.mark.parametrize("kind", ["winding", "friction"])

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from packed import unpacked
 
+from observer_fi.improve import Value
 from observer_fi.learn.section3 import Step
 from observer_fi.physics import Curve
 from observer_fi.records import Fit, Parameter
-from observer_fi.report.learning import correlated
+from observer_fi.report.learning import correlated, errors_words, fitted
 from observer_fi.report.learning_figures import ALONG, fit_over_data, kept_curve, of_identify, step_chart
 
 TWO = tuple(Parameter(name, 1.0, 0.1, 1.1, "N m", 0.8, 1.2) for name in ("A", "B"))
@@ -75,3 +76,20 @@ def test_a_kept_curve_has_a_band_of_two_standard_errors() -> None:
     np.testing.assert_allclose(panel.x, [0.0, 1.0, 2.0])
     np.testing.assert_allclose(line.high - line.y, 0.2)
     assert (panel.unit, panel.title) == ("mN m", "Torque over position")
+
+
+def test_errors_that_stay_are_not_said_to_fall() -> None:
+    ratios = {"voltage_v": 0.27, "current_a": 1.21, "position_m": 0.996}
+    assert errors_words(ratios) == (
+        "; their rms error falls to 27 % (voltage), rises to 121 % (current), stays as it was (position)"
+    )
+    assert (
+        errors_words({"voltage_v": 0.5}) == "; their rms error falls to 50 % (voltage)"
+        and errors_words({}) == ""
+    )
+
+
+def test_a_choice_between_forms_is_no_size() -> None:
+    limit, ahead = Value(18e3, 0.7, 0.0, "rad/s^2"), Value(1.0, 0.0, 0.0, "1")
+    assert fitted({"accel_limit": limit, "accel_ahead": ahead}) == {"accel_limit": limit}
+    assert fitted({"accel_ahead": ahead}) == {"accel_ahead": ahead}
