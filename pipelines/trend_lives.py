@@ -1,6 +1,7 @@
 """Simulated lives of an actuator against the independent truth of tests/hidden: writes reports/trend_lives.md.
 
     python -m pipelines.trend_lives [--actuators 5] [--logs 200] [--first-seed 70000] [--rate 0.001] [--kept FOLDER] [--out FILE]
+        [--lives NAME ...] [--orders 8]
 
 Each actuator lives eight times: once unchanged, seven times with a change at half of its logs; the logs before are the same.
 Friction and winding scatter by 2 % from log to log, and pitch and speed differ: what changes must stand out from that. With
@@ -9,7 +10,7 @@ Friction and winding scatter by 2 % from log to log, and pitch and speed differ:
 
 import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -87,10 +88,10 @@ class Actuator:
         """Row of the first changed log."""
         return self.logs // 2
 
-    def lives(self) -> Iterator[tuple[str, list[Digest]]]:
-        """The unchanged life, and those that change at the onset."""
+    def lives(self, names: Sequence[str]) -> Iterator[tuple[str, list[Digest]]]:
+        """The lives of these names: the unchanged one, and those that change at the onset."""
         healthy = self._digests(UNCHANGED, range(self.logs))
-        for name in LIVES:
+        for name in names:
             late = [] if name == UNCHANGED else self._digests(name, range(self.onset, self.logs))
             yield name, [*healthy[: self.logs - len(late)], *late]
 
@@ -217,15 +218,17 @@ HEAD = [
 HEAD_EACH = ["life", "seed", "found", "judged", "onset off by", "logs changed since the onset", "false"]
 
 
-def rows_of(actuator: Actuator, rate: float) -> Iterator[Told]:
-    """All lives of an actuator, and its unchanged one in other orders."""
-    for name, digests in actuator.lives():
+def rows_of(
+    actuator: Actuator, rate: float, names: Sequence[str] = tuple(LIVES), orders: int = ORDERS
+) -> Iterator[Told]:
+    """Lives of an actuator, and its unchanged one in other orders."""
+    for name, digests in actuator.lives(names):
         yield told(name, actuator.seed, digests, actuator.onset, rate)
-        for k in range(1, ORDERS if name == UNCHANGED else 1):
+        for k in range(1, orders if name == UNCHANGED else 1):
             yield told(name, actuator.seed, reordered(digests, k), actuator.onset, rate)
 
 
-def report(rows: list[Told], logs: int, rate: float) -> str:
+def report(rows: list[Told], logs: int, rate: float, orders: int = ORDERS) -> str:
     """The page of the study as far as it has come."""
     each = [
         [r.life, str(r.seed), r.words, r.judged, "–" if r.late is None else f"{r.late:+d}", str(r.changed), str(r.false)]
@@ -234,7 +237,7 @@ def report(rows: list[Told], logs: int, rate: float) -> str:
     ]  # fmt: skip
     tables = (markdown_table(HEAD, summary(rows)), markdown_table(HEAD_EACH, each))
     return TEXT.format(
-        summary=tables[0], each=tables[1], logs=logs, onset=logs // 2 + 1, rate=rate, orders=ORDERS
+        summary=tables[0], each=tables[1], logs=logs, onset=logs // 2 + 1, rate=rate, orders=orders
     )
 
 
@@ -246,14 +249,16 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=70_000)
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--kept", type=Path)
+    parser.add_argument("--lives", nargs="+", choices=tuple(LIVES), default=tuple(LIVES))
+    parser.add_argument("--orders", type=int, default=ORDERS)
     parser.add_argument("--out", type=Path, default=Path("reports/trend_lives.md"))
     args = parser.parse_args()
     rows: list[Told] = []
     for seed in range(args.first_seed, args.first_seed + args.actuators):
-        for row in rows_of(Actuator(seed, args.logs, args.kept), args.rate):
+        for row in rows_of(Actuator(seed, args.logs, args.kept), args.rate, args.lives, args.orders):
             rows.append(row)
             print(row, flush=True)
-            args.out.write_text(report(rows, args.logs, args.rate))
+            args.out.write_text(report(rows, args.logs, args.rate, args.orders))
 
 
 TEXT = """# What changed: simulated lives
@@ -261,7 +266,7 @@ TEXT = """# What changed: simulated lives
 Written by `pipelines/trend_lives.py` against the independent truth of `tests/hidden`. A life is {logs} logs of five seconds, no
 baseline given (the first logs are it); what happens begins at log {onset}; false alarms at {rate:g} a log. Friction and winding
 scatter by 2 % from log to log, pitch and speed are drawn anew for each. An actuator's lives share the logs before the change; its
-unchanged life is told in {orders} orders of its logs.
+unchanged life is told in {orders} order(s) of its logs.
 
 {summary}
 

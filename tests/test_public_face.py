@@ -66,6 +66,15 @@ def test_a_diagnosis_with_its_page_imports_only_what_it_needs(tmp_path: Path) ->
     assert python(f"{run}; print([m for m in {slow} if m in sys.modules])").strip() == "[]"
 
 
+def test_a_log_that_is_added_to_a_life_imports_only_what_it_needs(tmp_path: Path) -> None:
+    words = ["trend", str(DATA / "false_alarm_steady.csv.gz"), "--quiet", "--out", str(tmp_path)]
+    slow = ("pandas", "matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate")
+    run = f"import sys; from observer_fi.cli import main; main({words!r})"
+    later = (*slow, "observer_fi.learn")  # what it told is kept
+    assert python(f"{run}; print([m for m in {slow} if m in sys.modules])").strip() == "[]"
+    assert python(f"{run}; print([m for m in {later} if m in sys.modules])").strip() == "[]"
+
+
 def test_the_start_takes_less_than_a_tenth_of_a_second_of_work() -> None:
     code = (
         "import time; before = time.process_time(); import observer_fi; print(time.process_time() - before)"

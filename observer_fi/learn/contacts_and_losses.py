@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from observer_fi.learn.move_data import Experiment
 from observer_fi.logs import moves_from_rest
@@ -61,7 +60,7 @@ def speed_of(log: Log, model: Model) -> Array:
 
 def motor_angle(t: Array, w: Array) -> Array:
     """(n,) integral of the speed from the first sample on [rad], by trapezoids."""
-    return np.asarray(cumulative_trapezoid(w, t, initial=0))
+    return np.concatenate(([0.0], np.cumsum(np.diff(t) * (w[1:] + w[:-1]) / 2.0)))
 
 
 def find_breaks(log: Log, moves: Sequence[Segment], model: Model, position_std: float) -> Breaks:

@@ -9,8 +9,7 @@ from enum import Enum
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, cheby1, lfilter
+import scipy  # whose parts load when they are used: `signal` takes a second
 
 from observer_fi.learn.inverse_motion import Motion, low_passed, slope, zero_phase
 from observer_fi.numerics import compiled
@@ -118,7 +117,8 @@ class Columns:
         if late == 0.0:
             return smooth[motion.kept]
         spline = self._remember(
-            ("spline", motion.name, motion.clock.size, lag), lambda: CubicSpline(motion.clock, smooth)
+            ("spline", motion.name, motion.clock.size, lag),
+            lambda: scipy.interpolate.CubicSpline(motion.clock, smooth),
         )
         return np.asarray(spline(motion.t - late))
 
@@ -177,15 +177,15 @@ def _lagged(motion: Motion, lag: float) -> Array:
     if lag > 0.0:
         near, far = 2.0 * lag + motion.step, 2.0 * lag - motion.step
         state = np.array([force[0] * (far + motion.step) / near])
-        force = lfilter([motion.step / near] * 2, [1.0, -far / near], force, zi=state)[0]
+        force = scipy.signal.lfilter([motion.step / near] * 2, [1.0, -far / near], force, zi=state)[0]
     if motion.factor == 1:
         return force
-    return zero_phase(cheby1(8, 0.05, 0.8 / motion.factor), force)
+    return zero_phase(scipy.signal.cheby1(8, 0.05, 0.8 / motion.factor), force)
 
 
 def _play(motion: Motion, D: float, shapes: dict[str, float]) -> Array:
     """The motor is half the gap ahead of the mass in the direction of motion."""
-    ahead = zero_phase(butter(4, min(200.0 * motion.step, 0.8)), 0.5 * np.sign(motion.v))
+    ahead = zero_phase(scipy.signal.butter(4, min(200.0 * motion.step, 0.8)), 0.5 * np.sign(motion.v))
     return slope(ahead, motion.step) / D
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import fftconvolve
+import scipy  # whose parts load when they are used: `signal` takes a second
 
 from observer_fi.errors import UsageError
 from observer_fi.learn.inverse_columns import FORMS, SHAPES, TERMS, Columns, Sharing, Term
@@ -186,9 +186,11 @@ def correlated(columns: Array, residual: Array) -> Array:
     """
     r = residual - residual.mean()
     lags = min(LAGS, r.size - 1)
-    full = fftconvolve(r, r[::-1])[r.size - 1 - lags : r.size + lags] / float(r @ r)
+    full = scipy.signal.fftconvolve(r, r[::-1])[r.size - 1 - lags : r.size + lags] / float(r @ r)
     kernel = full * (1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1))
-    return fftconvolve(columns, kernel[:, None], mode="full", axes=0)[lags : lags + columns.shape[0]]
+    return scipy.signal.fftconvolve(columns, kernel[:, None], mode="full", axes=0)[
+        lags : lags + columns.shape[0]
+    ]
 
 
 def solve(

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # whose parts load when they are used: `signal` takes a second
 from numpy.typing import NDArray
-from scipy.signal import butter, cheby1, filtfilt
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.records import Array, Log
@@ -80,7 +80,7 @@ def low_passed(columns: Array, motion: Motion) -> Array:
     """(m, ...) columns (n, ...) decimated as Matlab's `decimate`: Chebyshev forward and backward, the last sample kept."""
     if motion.factor == 1:
         return columns
-    filtered = zero_phase(cheby1(8, 0.05, 0.8 / motion.factor), columns)
+    filtered = zero_phase(scipy.signal.cheby1(8, 0.05, 0.8 / motion.factor), columns)
     return filtered[motion.kept]
 
 
@@ -90,7 +90,9 @@ def _first_kept(n: int, factor: int) -> int:
 
 def zero_phase(coefficients: tuple[Array, Array], values: Array) -> Array:
     b, a = coefficients
-    return filtfilt(b, a, values, axis=0, padlen=3 * (max(len(a), len(b)) - 1))  # Matlab's padding
+    return scipy.signal.filtfilt(
+        b, a, values, axis=0, padlen=3 * (max(len(a), len(b)) - 1)
+    )  # Matlab's padding
 
 
 def slope(values: Array, step: float) -> Array:
@@ -111,7 +113,7 @@ def prepare_motion(log: Log, settings: InverseSettings | None = None) -> Motion:
     t, x, force, known = _uniform(log)
     step = float(t[-1] - t[0]) / (t.size - 1)
     noise = sensor_noise(x)
-    x = zero_phase(butter(4, min(settings.position_cutoff_hz * 2 * step, 0.8)), x)
+    x = zero_phase(scipy.signal.butter(4, min(settings.position_cutoff_hz * 2 * step, 0.8)), x)
     v = slope(x, step)
     a = slope(v, step)
     keep = slice(settings.border, None)

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load when they are used: `signal` takes a second
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import lfilter
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.fit_readings import readings_to_fit, since_change
@@ -206,7 +205,7 @@ def _knots(log: Log, rig: Rig) -> tuple[Array, Array]:
         return corners(log.t, log.w_cmd, rig.model["accel_cmd"])
     rows = np.arange(pieces * (log.t.size - 1) + 1) / pieces
     t = np.interp(rows, np.arange(log.t.size), log.t)
-    return t, Akima1DInterpolator(log.t, log.w_cmd, method="makima")(t)
+    return t, scipy.interpolate.Akima1DInterpolator(log.t, log.w_cmd, method="makima")(t)
 
 
 def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
@@ -307,7 +306,7 @@ def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
 def _leaky(u: Array, dt: float, time: float) -> Array:
     """Integral of u that leaks with a time constant [u s]: the value before each sample is added."""
     decay = math.exp(-dt / time)
-    total = lfilter([dt], [1.0, -decay], u)
+    total = scipy.signal.lfilter([dt], [1.0, -decay], u)
     return np.concatenate(([0.0], total[:-1]))
 
 

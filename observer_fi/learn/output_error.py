@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc  # the tail of scipy.stats.chi2, which takes a second to import
 
 from observer_fi.learn.gauss_newton import (
     NUISANCE_STEP,
@@ -195,7 +195,7 @@ def whiteness(r: Array) -> float:
     rho = autocorrelation(r, _WHITE_LAGS)
     n = r.size
     q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, _WHITE_LAGS + 1))))
-    return float(chi2.sf(q, _WHITE_LAGS))
+    return float(chdtrc(_WHITE_LAGS, q))
 
 
 def noise_floor(experiment: Experiment) -> float:

@@ -137,6 +137,19 @@ def json_text(value: Any) -> str:
     return json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def json_rows_text(value: Mapping[str, Any]) -> str:
+    """As `json_text`, each object in a list on one line: what a thousand logs say is written in a tenth of the time."""
+    parts = [f" {json.dumps(key)}: {_rows(member)}" for key, member in _plain(dict(value)).items()]
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _rows(value: Any) -> str:
+    if isinstance(value, list) and value and all(isinstance(member, dict) for member in value):
+        lines = [json.dumps(member, ensure_ascii=False, allow_nan=False) for member in value]
+        return "[\n  " + ",\n  ".join(lines) + "\n ]"
+    return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
+
+
 def headline(outcome: Outcome) -> str:
     """The verdict in one line, with the labels that are as good."""
     isolation, _ = _complete(outcome)

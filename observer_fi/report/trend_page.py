@@ -11,7 +11,7 @@ import numpy as np
 
 from observer_fi.numerics import digits, readable, to_the_error, with_unit
 from observer_fi.records import Array
-from observer_fi.report.diagnosis import environment, json_text, versions
+from observer_fi.report.diagnosis import environment, json_rows_text, versions
 from observer_fi.report.interactive import INK, Charts, Level, Mark, Panel, Series
 from observer_fi.trend import (
     CHANGED,
@@ -42,7 +42,7 @@ def trend_files(
     reports: links to the diagnoses of logs, by path; fleet: link to the summary of all logs, "" where there is none.
     """
     return {
-        "trend.json": json_text(trend_json(found, bad)),
+        "trend.json": json_rows_text(trend_json(found, bad)),
         "trend.csv": trend_csv(found),
         "trend.html": page(found, name, bad, reports, fleet),
     }

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ class DigestJob:
     rig: Rig
     columns: ColumnMap = PLAIN
 
-    @property
+    @cached_property
     def settings(self) -> str:
         """Digest of what besides the log a digest depends on."""
         parts = (__version__, rig_toml(self.rig), repr(self.columns))

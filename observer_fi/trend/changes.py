@@ -24,6 +24,7 @@ PER_CONDITION = 4  # logs after a change for each condition that it may depend o
 MOST_PLACES = 200  # at which a change is looked for first
 TOGETHER = 9.0  # squared t value that a quantity may lose where it is given another's time
 MOST_CORRELATED = 0.8
+AS_LIKELY = 3.84  # twice the log likelihood that a place may lose: 95 % of chi square, one degree of freedom
 NEARBY = 5  # logs by which quantities of one change may seem to change apart
 CONDITION_SHARE = 0.7  # likewise of a changed effect of a condition: where a plain step fits, too, it is that
 DRIFT_SHARE = 0.95  # of its t value a drift counts for: where both fit, it is a step
@@ -229,12 +230,8 @@ def _next(
     kinds = [(kind, p, 0) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
     kinds += [(STEP, p, c) for c in signed for p in places if p <= n - 4]
     t = _t_values(work, X, np.column_stack([_column(kind, p, time) * plain[:, c] for kind, p, c in kinds]))
-    allowed = _allowed(
-        rate,
-        quantities,
-        n,
-        np.array([np.isfinite(work[:, j]).sum() - X.shape[1] - 1 for j in range(quantities)]),
-    )
+    freedom = np.maximum(np.isfinite(work).sum(axis=0) - X.shape[1] - 1, 1)
+    allowed = _allowed(rate, quantities, n, freedom)
     t[[kind == DRIFT for kind, _, _ in kinds]] *= DRIFT_SHARE
     t[[c > 0 for _, _, c in kinds]] *= CONDITION_SHARE
     over = np.abs(t) / allowed
@@ -243,14 +240,23 @@ def _next(
         return None
     kind, _, by = kinds[best]
     same = np.array([k for k, (other, _, c) in enumerate(kinds) if other == kind and c == by])
-    alike = np.abs(t[:, j]) ** 2 > np.abs(t[best, j]) ** 2 - 4.0
-    near = [kinds[k][1] for k in same if alike[k]]
+    alike = _less_likely(t[:, j], t[best, j], freedom[j]) < AS_LIKELY
     shows = (over[best] > 1.0) | (
         (np.nanmax(over[same], axis=0) > 1.0) & (t[best] ** 2 > np.nanmax(t[same] ** 2, axis=0) - TOGETHER)
     )
     since = _shared(t[same][:, shows], [kinds[k][1] for k in same], kinds[best][1])
+    near = [since, *(kinds[k][1] for k in same if alike[k])]
     nothing = np.zeros(quantities)
     return Change(kind, since, nothing, nothing, t[best], shows, min(near), max(near), by)
+
+
+def _less_likely(t: Array, best: float, freedom: float) -> Array:
+    """By how much twice the log likelihood is less at places of t values t (m,) than at that of the best.
+
+    Of squared residuals 1 / (1 + t^2 / freedom) is left. A clear change has a large t, whose square falls fast beside it while
+    the residuals hardly grow: the fall of t^2 itself would be too sure of the place.
+    """
+    return np.asarray(freedom * np.log((freedom + best**2) / (freedom + t**2)))
 
 
 def _shared(t: Array, places: list[int], first: int) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 
 from observer_fi.records import Array
 
-SCHEMA = "observer-fi/digest/1"
+SCHEMA = "observer-fi/digest/2"
 
 
 @dataclass(frozen=True)

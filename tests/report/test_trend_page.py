@@ -1,5 +1,8 @@
 """Cells of the page of a trend: sizes in one unit, causes that do not contradict the sentence."""
 
+import json
+
+from observer_fi.report.diagnosis import json_rows_text, json_text
 from observer_fi.report.trend_page import _cause, _sizes
 from observer_fi.trend import Finding
 
@@ -35,6 +38,19 @@ PLAY = Finding(
     55,
     "",
 )
+
+
+def test_a_life_is_written_with_a_line_for_each_log_and_says_the_same():
+    found = {
+        "schema": "x",
+        "of": {"a": float("nan"), "b": [1, 2]},
+        "logs": [{"at": k, "n": "µ"} for k in range(50)],
+        "bad": [],
+    }
+    text = json_rows_text(found)
+    assert json.loads(text) == json.loads(json_text(found))
+    assert len([line for line in text.splitlines() if '"at"' in line]) == 50
+    assert "NaN" not in text and "µ" in text
 
 
 def test_sizes_stand_in_one_unit_to_the_digit_of_their_error() -> None:

@@ -8,7 +8,7 @@ from hidden.profiles import there_and_back
 from observer_fi.learn import identification
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
-from observer_fi.trend import digest_of
+from observer_fi.trend import constants, digest_of
 
 
 def told(speed, pitch, seed, width=0.0):
@@ -27,8 +27,32 @@ def told(speed, pitch, seed, width=0.0):
 @pytest.mark.parametrize("width", [0.0, 2e-5, 6e-5, 1e-4])
 def test_play_is_as_wide_as_it_is(width):
     found, _ = told(300.0, 2.0, 3, width)
-    # A noise of 10 um tells play to some 3 um; 5 um of it are taken for slack of the start.
-    assert abs(found["backlash"] - width) < 9e-6
+    # A motor that swings back as it stops has taken some 3 um of the play up already.
+    assert abs(found["backlash"] - width) < 6e-6
+
+
+def test_no_play_scatters_about_zero_as_little_as_its_reversal_tells():
+    found = np.array([told(300.0, 2.0, seed)[0]["backlash"] for seed in range(109200, 109206)])
+    assert found.min() < 0.0 < found.max()  # nothing is cut off
+    assert np.abs(found).max() < 4e-6  # the position has 10 um of noise
+
+
+def test_a_lag_that_the_log_shows_is_no_play():
+    rng = np.random.default_rng(109210)
+    t = np.linspace(0.0, 2.0, 800)
+    v = 0.02 * np.minimum(1.0, np.minimum(t, 2.0 - t) / 0.5)  # m/s
+    x = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
+    samples = np.full(t.size, 1.0)
+    gone, way = np.concatenate([x, x]), np.concatenate([0.0 * samples, -samples])
+    others = np.zeros((2 * t.size, 4))
+    others[:, 0], others[:, 1] = np.concatenate([-v, v]), np.concatenate([x, -x])
+    others[: t.size, 2] = others[t.size :, 3] = 1.0
+    for lag, play in ((0.03, 0.0), (0.0, 4e-5), (0.03, 4e-5)):
+        left = lag * others[:, 0] - way * np.minimum(gone, play) + 1e-5 * rng.standard_normal(way.size)
+        seen = constants.Reversals(left, gone, way, others, np.array([[0.0, 0.0, 0.0, 10.0]]), np.zeros(1))
+        theta, covariance = constants.play_and_lag(seen)
+        assert abs(theta[0] - play) < 4.0 * np.sqrt(covariance[0, 0]) < 1e-5
+        assert abs(theta[1] - lag) < 4.0 * np.sqrt(covariance[1, 1]) < 1e-3
 
 
 @pytest.mark.parametrize(("speed", "pitch", "seed"), [(300.0, -5.3, 117), (300.0, -6.5, 4)])

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
+import scipy  # whose parts load when they are used: `signal` takes a second
 
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.logs import LowPass, LowPasses
@@ -41,8 +41,8 @@ class Through(NamedTuple):
         if not self.order:
             return even
         poles = [time, 1.0] if self.order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
-        b, a, _ = cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
-        return np.asarray(lfilter(np.ravel(b), np.ravel(a), even))
+        b, a, _ = scipy.signal.cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
+        return np.asarray(scipy.signal.lfilter(np.ravel(b), np.ravel(a), even))
 
     def free(self, interval: float) -> list[Free]:
         """Time constant and delay as parameters of a fit. interval: of samples [s], which a delay is about, or less."""
