@@ -301,6 +301,20 @@ def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [60049, 60012, 60078])
+def test_a_torque_that_comes_and_goes_has_no_name(seed: int) -> None:
+    """A jam follows it, but friction never drives the motion; a lost coupling and then a load at will are no better than the load."""
+    spec = hidden.draw_move_case(seed, "unknown")
+    assert spec.fault.kind == "periodic_torque" and of(spec, seed).label == "unknown"
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_load_that_swings_has_no_name(seed: int) -> None:
+    v = verdict(hidden.Fault("unknown", 1.4, kind="periodic_torque", size=3e-4), seed=seed)
+    assert v.label == "unknown" and v.onset_s == pytest.approx(1.4, abs=0.02)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "kind", "label"),
     [(200040, "slip_growing", "slip"), (190017, "slip_growing", "slip"), (190015, "in_a_start", "jam")],
