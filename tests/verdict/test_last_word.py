@@ -303,7 +303,7 @@ def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [60049, 60012, 60078])
 def test_a_torque_that_comes_and_goes_has_no_name(seed: int) -> None:
-    """A jam follows it, but friction never drives the motion; a lost coupling and then a load at will are no better than the load."""
+    """A jam follows it, but friction never drives; a lost coupling and then a load at will are no better than the load."""
     spec = hidden.draw_move_case(seed, "unknown")
     assert spec.fault.kind == "periodic_torque" and of(spec, seed).label == "unknown"
 
