@@ -31,7 +31,7 @@ from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
-from observer_fi.verdict.drift import raised_friction, usual_rise
+from observer_fi.verdict.drift import SURE, raised_friction, usual_rise
 from observer_fi.verdict.isolate import (
     EventTracker,
     Isolator,
@@ -328,7 +328,7 @@ class Diagnosis:
         ):  # a known servo tells its motor
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
-        events = tuple(handed_on(finished))
+        events = tuple(handed_on(list(map(isolated_again, finished, found.events))))
         verdict = log_verdict(list(events))
         foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.explained)
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
@@ -403,6 +403,12 @@ def _moments(event: Event) -> list[sketch.Span]:
     onset = event.onset_s if event.onset_s is not None else event.detected_s
     spans = [] if onset is None else _shown(onset, event.isolated_s)
     return spans + [(at - NEAR_S, at + NEAR_S) for at in (event.over_s, event.end_s) if at is not None]
+
+
+def isolated_again(told: Event, event: Event) -> Event:
+    """What is told in the end, with the time from which the bank was sure of just that: another label may have stood between."""
+    same = (told.label, told.channel) == (event.label, event.channel) and told.isolated_s is None
+    return told._replace(isolated_s=event.isolated_s) if same and told.probability > SURE else told
 
 
 def of_the_day(event: Event, rig: Rig, gain: float = 0.0) -> Event:

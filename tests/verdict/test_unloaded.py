@@ -12,6 +12,7 @@ from hidden import Fault
 from observer_fi.physics import load_rig
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.diagnosis import isolated_again
 from observer_fi.verdict.moves.unloaded import without_voltage
 from observer_fi.verdict.testable import not_tested
 from pipelines import rigs_study
@@ -169,3 +170,12 @@ def test_a_current_that_reads_more_may_also_be_more() -> None:
     misread = event("sensor_fault", "current")
     assert without_voltage(misread, bank(1.5), RIG, ALIKE).alike == ("jam",)
     assert without_voltage(misread, bank(0.3), RIG, ALIKE) is misread  # no jam takes less
+
+
+def test_what_the_bank_was_sure_of_in_time_keeps_that_time_when_it_is_told_in_the_end() -> None:
+    """Another label may have stood between: the whole move said sensor, the current that the mass is gone."""
+    bank_said = event("coupling_loss", None)._replace(isolated_s=1.3)
+    told = bank_said._replace(isolated_s=None, probability=0.99)
+    assert isolated_again(told, bank_said).isolated_s == 1.3
+    assert isolated_again(told._replace(probability=0.7), bank_said).isolated_s is None
+    assert isolated_again(told, event("sensor_fault", "position")._replace(isolated_s=1.3)).isolated_s is None
