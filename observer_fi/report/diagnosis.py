@@ -159,7 +159,7 @@ def headline(outcome: Outcome) -> str:
     words = NAMES[verdict.label].lower()
     if verdict.channel:
         words += f" ({verdict.channel})"
-    words = " or ".join((words, *(NAMES[label].lower() for label in verdict.alike)))
+    words = ", or ".join((words, *(NAMES[label].lower() for label in verdict.alike)))
     if verdict.onset_s is not None:
         words += f" since {verdict.onset_s:.3f} s"
     return f"{words}, probability {percent(verdict.probability)}"

@@ -10,15 +10,20 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     if v.label == NOT_TESTED:
         return f"Not tested: {v.reasons[0]}, so it says nothing about the actuator."
     row = FAULTS[v.label]
+    others = " or ".join(FAULTS[label].title.lower() for label in v.alike)
+    doubted = v.label == NOMINAL and bool(v.alike)
     words = [row.says(row.happened, v.channel)]
+    if doubted:
+        words = [
+            f"The actuator behaved as its model says but for what may be a fault: {others}."
+        ]
     if v.label != NOMINAL:
         words.append(_when(v))
     if v.severity:
         words.append(_sentence(", ".join(s.words for s in v.severity)))
     words += [_sentence(text) for text in second_faults(isolation)]
-    if v.alike:
-        titles = " or ".join(FAULTS[label].title.lower() for label in v.alike)
-        words.append(f"These data cannot tell it from: {titles}.")
+    if v.alike and not doubted:
+        words.append(f"These data cannot tell it from: {others}.")
     words.append(f"The probability of this verdict is {_percent(v.probability)}.")
     words += [f"Note: {reason}." for reason in v.reasons]
     words += [text for text in (row.alike.get(v.channel, ""), row.caveat(rig.model)) if text]
@@ -32,7 +37,7 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "Most moves of this log disagree with the rig file in the same way, which points at the model rather than at a "
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
-    if v.label == NOMINAL and v.alike:
+    if doubted:
         words.append(
             "Look at the next moves: what is a fault comes again or grows, what a day brings passes."
         )

@@ -17,6 +17,7 @@ from observer_fi.report import diagnosis as report
 from observer_fi.report import diagnosis_figures as figures
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict.explain import explanation
 
 RIG = load_rig()
 CONTRACT = {
@@ -379,3 +380,13 @@ def test_doubts_name_the_runner_up_and_a_disagreeing_mixture(overload: Outcome) 
 )
 def test_probabilities_never_round_to_certainty(p: float, text: str) -> None:
     assert report.percent(p) == text
+
+
+def test_labels_that_are_as_good_stand_in_the_headline(overload: Outcome) -> None:
+    verdict = overload.isolation.verdict._replace(alike=("slip",), probability=0.6)
+    told = replace(overload, isolation=replace(overload.isolation, verdict=verdict, events=(verdict,)))
+    assert report.headline(told).startswith("overload, or slip since ")
+    assert "<h1>Overload, or slip since " in report.page(told, load_rig())
+    health = verdict._replace(label="nominal", onset_s=None, onset_interval_s=(None, None), probability=0.5)
+    text = explanation(replace(told.isolation, verdict=health, events=(health,)), load_rig(), told.log)
+    assert "what may be a fault: slip" in text and "no action" not in text
