@@ -14,9 +14,7 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
     doubted = v.label == NOMINAL and bool(v.alike)
     words = [row.says(row.happened, v.channel)]
     if doubted:
-        words = [
-            f"The actuator behaved as its model says but for what may be a fault: {others}."
-        ]
+        words = [f"The actuator behaved as its model says but for what may be a fault: {others}."]
     if v.label != NOMINAL:
         words.append(_when(v))
     if v.severity:

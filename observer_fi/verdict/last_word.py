@@ -43,7 +43,6 @@ from observer_fi.verdict.moves.stories import (
     worth,
 )
 from observer_fi.verdict.moves.whole_move import (
-    CHANGE_NATS,
     HOPELESS,
     LEFT,
     SETTLED_S,
@@ -283,7 +282,8 @@ class LastWord:
             return None
         later = second[0]._replace(start_s=event.start_s)
         both = told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
-        nats = whole.in_motion(held.since) - CHANGE_NATS + rest.in_motion() + second[1].gain
+        behind_it = rest.in_motion() - rest.in_motion(max(shorter.n - held.since, 0))
+        nats = shorter.in_motion() + path.gain + behind_it + second[1].gain
         pair = Pair(both, Explained(nats, nats - whole.in_motion()))
         begun = held.since + second[1].begin
         if again and begun < stop:  # what came first is told from what was before the second one
