@@ -391,8 +391,18 @@ class LastWord:
         if sure and paths[0].hypothesis.label == UNKNOWN:
             return []
         told = [p for p in paths if not (sure and p.hypothesis.label == UNKNOWN)]
+        swings = self._swings(paths, whole)
+        told = [p for p in told if not (swings and p.hypothesis.label == "jam")]
         stories = [story for p in told if self._fits(p, whole, event) for story in self._stories(p, whole)]
         return [story for story in stories if measured(story, whole)]
+
+    @staticmethod
+    def _swings(paths: Sequence[Path], whole: WholeMove) -> bool:
+        """Whether the best jam drives the motion for a while: then none of them is one, whatever friction they began with."""
+        best = next((p for p in paths if p.hypothesis.label == "jam"), None)
+        return best is not None and any(
+            whole.turns(best, own) for own in best.hypothesis.own if own.of_friction
+        )
 
     def _seen_to_begin(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> Sequence[Path]:
         """The paths without those from the start on where one that begins in motion says as much: what grows was first less.
@@ -467,7 +477,7 @@ class LastWord:
     def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
         value, std = constant(path, own)
         value *= whole.against(path) if own.of_friction else 1.0
-        if path.hypothesis.label == "jam" and own.of_friction and (value <= 0.0 or whole.turns(path, own)):
+        if path.hypothesis.label == "jam" and own.of_friction and value <= 0.0:
             return False
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
