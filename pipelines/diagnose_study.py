@@ -33,13 +33,13 @@ NAMED_BY_THE_MOVE = {"half_slip": "slip", "friction_jump": "jam"}
 NOT_SEEN = {"supply_collapse": "the supply is at its limit in starts and in fast moves only"}
 # What wrong verdicts come from, in the order in which they are listed.
 WHY = (
-    "Slow drifts of the current or position sensor, and a position that stays put under its usual noise, end as unknown: a "
-    "failed sensor is entered with a wide prior of its bias, which costs about 5 nats in the sample of entry, and a hypothesis "
-    "of no probability is entered anew at every sample. By the time a drift is worth that, the states it comes from follow it. "
-    "Where the decoupled friction could be what the motor draws, a position that stays put is a lost coupling (the blind spot).",
-    "A nut that slips by half moves the mass as a stop does (1 - E = 0.48). Only the torque of the stop tells them apart: taken "
-    "for an overload were those in which it would have raised the current by less than 0.5 mA by the end of the move.",
-    "A supply that collapses while the motor does not need it changes nothing in the channels.",
+    "A lost coupling whose motor feels what it felt with its mass is as well a position that stands still (the "
+    "blind spot): both are told, the one that needs no coincidence first. A position that drops out to where the "
+    "mass was at the begin of its move stands still too.",
+    "A torque that swings about none from within the ring of a start is taken for a friction that comes and goes: "
+    "until then nobody knows what the friction was.",
+    "A supply that collapses while the motor does not need it changes nothing in the channels; where it does, few "
+    "hypotheses know it.",
 )
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 
