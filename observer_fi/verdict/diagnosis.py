@@ -43,6 +43,7 @@ from observer_fi.verdict.isolate import (
 )
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.moves.naming import FAR
 from observer_fi.verdict.moves.unloaded import without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
@@ -51,7 +52,6 @@ from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.testable import Testable, untested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
-OF_A_DAY_NATS = 3000.0  # over nominal: what a friction a few percent off from the start on never gains
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 NEAR_S = 0.1  # shown on either side of a moment
@@ -299,6 +299,12 @@ class Diagnosis:
             return told._replace(onset_s=found.onset_s, onset_interval_s=(earliest if unseen else low, high))
         return told
 
+    def _of_the_day(self, event: Event) -> Event:
+        """The event, healthy where its friction was up by no more than from one day to the next, and that explains little."""
+        story = self.last_word.explained.get(event.start_s)
+        much = story is not None and story.gain >= FAR * self.settings.decision.move_nats
+        return event if much else of_the_day(event, self.rig)
+
     def _with_onset(self, event: Event) -> Event:
         keys = [(start, j) for (start, j) in self.onsets if start == event.start_s]
         modes = self.isolator.modes
@@ -316,13 +322,7 @@ class Diagnosis:
         """What was found. facts: fields of Log that describe the whole file."""
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
-        explained = self.last_word.explained
-        finished = [
-            of_the_day(
-                self._finished(e), self.rig, explained[e.start_s].gain if e.start_s in explained else 0.0
-            )
-            for e in found.events
-        ]
+        finished = [self._of_the_day(self._finished(e)) for e in found.events]
         if (
             self.isolator.channels.lacks("voltage") and not self.rig.watched.servo
         ):  # a known servo tells its motor
@@ -411,15 +411,12 @@ def isolated_again(told: Event, event: Event) -> Event:
     return told._replace(isolated_s=event.isolated_s) if same and told.probability > SURE else told
 
 
-def of_the_day(event: Event, rig: Rig, gain: float = 0.0) -> Event:
-    """The event, healthy where friction was up from the start on by no more than it is from one day to the next.
-
-    gain: nats of that friction over nominal. Where they are many, it was up by more before the end of the move.
-    """
+def of_the_day(event: Event, rig: Rig) -> Event:
+    """The event, healthy where friction was up from the start on by no more than it is from one day to the next."""
     rises = [s.value for s in event.severity if event.label == "jam" and s.name == "friction_rise"]
     from_the_start = event.onset_s is not None and event.onset_s - event.start_s < SETTLED_S
     usual = bool(rises) and 0.0 <= rises[0] < usual_rise(rig)
-    return healthy(event) if usual and from_the_start and gain < OF_A_DAY_NATS else event
+    return healthy(event) if usual and from_the_start else event
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

@@ -72,7 +72,7 @@ def mostly(label: str, event: Event) -> dict[str, float]:
 
 
 def or_else(event: Event, label: str, why: str = "") -> Event:
-    """A healthy event that may as well have a fault."""
+    """A healthy event that may as well have a fault of this label; why: a reason to tell."""
     posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, label: 0.5}
     reasons = (why,) if why else event.reasons
     return event._replace(probability=0.5, posterior=posterior, alike=(label,), reasons=reasons)
@@ -95,6 +95,26 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
     return jammed_before(event, known[0][1], bank.hypotheses[0], bank.rig, strain_limit, slope)
 
 
+def _shares(nominal: Hypothesis, slope: float) -> dict[str, float]:
+    """Of what friction and gravity take together (equation 1), by how much each constant that is in doubt changes it [1]."""
+    model = nominal.model
+    shares = {"A": 1.0, "B": model["B"] * slope / model["A"]}
+    return {name: share for name, share in shares.items() if name in nominal.states}
+
+
+def risen_drag(nominal: Hypothesis, memory: HypothesisState, slope: float) -> tuple[float, float]:
+    """By how much friction and gravity together are above those of the rig file, and the standard deviation of that.
+
+    Both in units of the rig file's friction. slope: pitch against the motion [deg].
+    """
+    shares = _shares(nominal, slope)
+    if not shares:
+        return 0.0, 0.0
+    at, c = [nominal.states.index(name) for name in shares], np.array([*shares.values()])
+    var = float(c @ memory.P[np.ix_(at, at)] @ c)
+    return float(c @ (memory.x[at] - 1.0)), float(np.sqrt(max(var, 0.0)))
+
+
 def jammed_before(
     event: Event, memory: HypothesisState, nominal: Hypothesis, rig: Rig, strain_limit: float, slope: float
 ) -> Event:
@@ -102,14 +122,11 @@ def jammed_before(
 
     slope: pitch against the motion [deg]. In one move nothing tells friction from what gravity does on it: their sum counts.
     """
-    states, model = nominal.states, rig.model
-    if "A" not in states or not rig.spread("A"):
+    if "A" not in nominal.states or not rig.spread("A"):
         return event
-    share = {"A": 1.0, "B": model["B"] * slope / model["A"]}
-    names = [name for name in share if name in states]
-    at, c = [states.index(name) for name in names], np.array([share[name] for name in names])
-    rise, std = float(c @ (memory.x[at] - 1.0)), float(np.sqrt(max(c @ memory.P[np.ix_(at, at)] @ c, 0.0)))
-    spread = float(np.hypot.reduce([rig.spread(name) * share[name] for name in names]))
+    rise, std = risen_drag(nominal, memory, slope)
+    shares = _shares(nominal, slope)
+    spread = float(np.hypot.reduce([rig.spread(name) * share for name, share in shares.items()]))
     if rise < UNUSUAL * spread or std > spread:
         return event
     factor = 1.0 + rise

@@ -15,6 +15,7 @@ from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples
 from observer_fi.numerics import MOST
 from observer_fi.physics import INDEX, OwnState
 from observer_fi.records import Array, Event
+from observer_fi.verdict.drift import risen_drag
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
@@ -231,13 +232,8 @@ class WholeMove:
 
         Both in units of the rig file's friction. One move tells their sum, and nothing of the way back.
         """
-        memory, model = self._nominal_at(k), self.nominal.model
-        share = {"A": 1.0, "B": model["B"] * self.direction(k) * float(self.window.theta[k]) / model["A"]}
-        names = [name for name in share if name in self.nominal.states]
-        at, c = [self.nominal.states.index(name) for name in names], np.array([share[name] for name in names])
-        return self.friction(k), math.sqrt(
-            max(float(c @ memory.P[np.ix_(at, at)] @ c), 0.0)
-        ) if names else 0.0
+        slope = self.direction(k) * float(self.window.theta[k])
+        return self.friction(k), risen_drag(self.nominal, self._nominal_at(k), slope)[1]
 
     def lost(self, k: int) -> float:
         """Share of the travel that nominal loses before sample k: none, or that of a slip that takes its place."""

@@ -17,7 +17,8 @@ from observer_fi.records import Estimate, Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.drift import COMES_AND_GOES, Drift, or_else
 from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
-from observer_fi.verdict.last_word import Explained, LastWord
+from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.moves.pairs import Explained
 from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 

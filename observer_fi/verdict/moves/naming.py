@@ -1,0 +1,311 @@
+"""What paths of a whole move may be called: which of them count and fit, the stories they tell, and the event with the best.
+
+`stories.py` has what a name is worth; here stands what it takes to be one at all on this rig.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from observer_fi.numerics import digits
+from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
+from observer_fi.records import Event, Severity
+from observer_fi.settings import DecisionSettings
+from observer_fi.verdict.drift import COMES_AND_GOES
+from observer_fi.verdict.isolate import AT_START_S
+from observer_fi.verdict.moves.stories import (
+    AT_WILL,
+    Story,
+    constant,
+    follows_whole,
+    load_of_a_spring,
+    measured,
+    of_any_decade,
+    posterior_of,
+    special_case,
+    takes_up_any_load,
+)
+from observer_fi.verdict.moves.whole_move import HOPELESS, SETTLED_S, WELL, Path, WholeMove
+
+PASSES_S = 0.03  # what is over so soon passed, and condemns no move
+# Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
+# does not describe the machine, both are above, and a name would be made up.
+FITS = 1.3
+CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
+FAR = 200.0  # times the nats of another fault, that one must have for which no motion speaks before it
+BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
+Z95 = 1.959964
+STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the stop, of which the bank takes no evidence
+# What begins within this of the stop gains by a speed in doubt anew: 39 nats in healthy moves at 10 rad/s, 53 with gains that
+# are off. It must have so many times the nats of another fault.
+STOPPING_S, IN_A_STOP = 0.01, 10.0
+NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
+BLIND = 1e-3  # probability from which a lost coupling is as good as a frozen position
+
+
+class Naming:
+    """Judges paths of whole moves on one rig."""
+
+    def __init__(self, rig: Rig, settings: DecisionSettings) -> None:
+        self.rig, self.settings = rig, settings
+
+    def told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
+        """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.
+
+        A load and a slip at will fit everything: no verdict that the bank is sure of gives way to them.
+        """
+        sure = event.label not in (NOMINAL, UNKNOWN)
+        paths = paths if sure else self._seen_to_begin(paths, whole, event)
+        if not paths or not any(self._fits(path, whole, event) for path in _as_good(paths)):
+            return []
+        if sure and paths[0].hypothesis.label == UNKNOWN:
+            return []
+        told = [p for p in paths if not (sure and p.hypothesis.label == UNKNOWN)]
+        swings = self._swings(paths, whole)
+        told = [p for p in told if not (swings and p.hypothesis.label == "jam")]
+        stories = [story for p in told if self._fits(p, whole, event) for story in self.stories(p, whole)]
+        return [story for story in stories if measured(story, whole)]
+
+    def told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
+        """The event with the label, times and severity of the best story."""
+        best, t = stories[0], whole.window.t
+        path, label = best.path, label_of(best.mode)
+        posterior = posterior_of(event, stories)
+        sizes = path.hypothesis.own if path.hypothesis.label == label else FAULTS[label].sizes
+        tells = [own for own in sizes if own.tells and own.name in path.hypothesis.states]
+        told = event._replace(
+            label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
+            over_s=None if path.end is None or whole.lasts(path) else float(t[path.end]),
+            alike=tuple(k for k, p in posterior.items() if k != label and p > self._least({label, k}, best.mode)),
+            severity=tuple(self._severity(path, own, whole) for own in tells),
+        )  # fmt: skip
+        begin, first = float(t[max(path.begin - 1, 0)]), float(t[max(path.first - 1, 0)])
+        if begin - event.start_s < AT_START_S:  # no motion before it: it may be as old as the rest
+            moved = np.flatnonzero((t < event.start_s) & (whole.window.w_cmd != 0.0))
+            first = float(t[moved[-1] if moved.size else 0])
+        told = told._replace(onset_s=begin, onset_interval_s=(first, float(t[path.last])))
+        if label == event.label and label != UNKNOWN:
+            return (
+                told
+                if told.alike
+                else told._replace(probability=event.probability, posterior=event.posterior)
+            )
+        return told._replace(
+            isolated_s=None, detected_s=event.detected_s or event.doubted_s,
+            reasons=(_why(best, whole),) if label != UNKNOWN else event.reasons,
+        )  # fmt: skip
+
+    def counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
+        """Whether the path is better than nominal by more than chance, and more than the ring of a start.
+
+        Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and a size
+        that stands shows; and in a stop.
+        """
+        if _passes(path, whole, event.start_s):
+            return False
+        if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
+            more = max(shown(path), path.later)
+            return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
+        rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
+        stands = all(own.growth == 0.0 for own in path.hypothesis.own)
+        more = min(path.later, shown(path) if stands else math.inf) if rings else math.inf
+        return min(path.gain, more) >= self.settings.move_nats
+
+    def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
+        """Whether the path wins, the whole move fits it, and it is more than the ring of a start.
+
+        Another name than the bank's needs motion before the fault that nominal explains.
+        """
+        if not self.counts(path, whole, event):
+            return False
+        if path.nis > FITS * whole.expected(path.hypothesis) or whole.reads_as_usual(path):
+            return False
+        return path.hypothesis.label == event.label or self._clean(path, whole, event.start_s)
+
+    @staticmethod
+    def _swings(paths: Sequence[Path], whole: WholeMove) -> bool:
+        """Whether the best jam drives the motion for a while: then none of them is one, whatever friction they began with."""
+        best = next((p for p in paths if p.hypothesis.label == "jam"), None)
+        return best is not None and any(
+            whole.turns(best, own) for own in best.hypothesis.own if own.of_friction
+        )
+
+    def _seen_to_begin(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> Sequence[Path]:
+        """The paths without those from the start on where one that begins in motion says as much: what grows was first less.
+
+        From the start on a fault and a rig file that is off look alike.
+        """
+        seen = [p for p in paths if whole.window.t[p.begin] - event.start_s >= CLEAN_S]
+        if not seen or seen[0] is paths[0] or self._fits(paths[0], whole, event):
+            return paths
+        return seen if seen[0].gain >= HOPELESS * paths[0].gain else paths
+
+    def stories(self, path: Path, whole: WholeMove) -> Iterator[Story]:
+        """What a path may be called: the fault that it was made for, or one that is a special case of it.
+
+        A soft stop without stiffness is a slip; a mass that has lost all its travel without any change of the load is a position
+        that stands still, and one that outruns the motor a position that is wrong. The evidence of a special case is the
+        posterior density of its constant over the prior one (Dickey 1971). A mass that stands while the load grows is none of
+        these.
+        """
+        mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
+        if _stands_under_load(path) or self._load_in_a_stop(path, whole):
+            return
+        if all(self._believable(path, own, whole) for own in held.values()) and _resists(path):
+            yield Story(mode, path.gain + self._as_in_the_file(path), path)
+        if "E" not in held:
+            return
+        lost, std = constant(path, held["E"])
+        if "C" in held and "torque" not in held and self._believable(path, held["E"], whole):
+            yield Story("slip", path.gain + special_case(path, held["C"], 0.0), path)
+        if abs(lost - 1.0) < BELIEVABLE * std:
+            yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
+        elif lost < -BELIEVABLE * std:
+            yield Story("sensor:position", path.gain, path)
+
+    @staticmethod
+    def _load_in_a_stop(path: Path, whole: WholeMove) -> bool:
+        """Whether an obstacle with a load in front of it begins as the motor stops: it follows whatever a stop does."""
+        begins = path.begin >= whole.moving - round(STOPPED_S / whole.interval)
+        return begins and path.hypothesis.label != UNKNOWN and takes_up_any_load(path)
+
+    def _as_in_the_file(self, path: Path) -> float:
+        """Nats by which the sizes that the rig file gives explain the move better, half of all faults having them."""
+        usual = {own.name: self.rig.spread(own.name) for own in FAULTS[path.hypothesis.label].states}
+        nats = any_size = 0.0
+        for own in path.hypothesis.own:
+            value, std = constant(path, own)
+            any_size += of_any_decade(path, own)
+            if own.name not in usual or own.std is None or not usual[own.name]:
+                continue
+            given = self.rig.model[own.name] if own.absolute else 1.0
+            near = math.hypot(std, usual[own.name] * given)
+            wide = math.hypot(std, own.std)
+            nats += (
+                0.5 * ((value - own.mean) / wide) ** 2
+                - 0.5 * ((value - given) / near) ** 2
+                + math.log(wide / near)
+            )
+        return float(np.logaddexp(nats, any_size)) - math.log(2.0)
+
+    @staticmethod
+    def _believable(path: Path, own: OwnState, whole: WholeMove) -> bool:
+        value, std = constant(path, own)
+        value *= whole.against(path) if own.of_friction else 1.0
+        if path.hypothesis.label == "jam" and own.of_friction and value <= 0.0:
+            return False
+        if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
+            value /= max(whole.friction(path.begin), 1.0)
+        return own.low - BELIEVABLE * std <= value <= own.high + BELIEVABLE * std
+
+    def _clean(self, path: Path, whole: WholeMove, start_s: float) -> bool:
+        """Whether nominal explains the motion before the fault, and there was some; or there was none, and only the fault fits.
+
+        A fault that is there from the start must win by far: a rig file that is off also shows from the start.
+        """
+        first = int(np.searchsorted(whole.window.t, start_s))
+        if whole.window.t[path.begin] - start_s < CLEAN_S:
+            fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path, whole)
+            return fits and whole.lasts(path) and path.later >= FAR * self.settings.move_nats
+        return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
+
+    def _is_of_the_rig(self, path: Path, whole: WholeMove) -> bool:
+        """Whether a friction that was up from the start on is one that this rig may have, as far as it is known by then."""
+        rises = [own for own in path.hypothesis.own if own.of_friction]
+        if path.hypothesis.label != "jam" or not rises:
+            return False
+        friction = (self._friction(path)[0] + constant(path, rises[0])[0]) / self.rig.model["A"]
+        usual, doubt = whole.drag(path.begin)
+        return friction - usual < max(self.settings.strain_limit * doubt, COMES_AND_GOES)
+
+    def _least(self, labels: set[str], mode: str) -> float:
+        """Probability from which one label is as good as another: of a lost coupling and a frozen position a small one.
+
+        Only what the motor feels without the mass tells those two apart, and that may be what it felt with it.
+        """
+        blind = labels == {"coupling_loss", "sensor_fault"} and channel_of(mode) in (None, "position")
+        return min(BLIND, self.settings.alike) if blind else self.settings.alike
+
+    def _severity(self, path: Path, own: OwnState, whole: WholeMove) -> Severity:
+        value, std = constant(path, next(state for state in path.hypothesis.own if state.name == own.name))
+        scale, unit = 1.0, "1"
+        if own.of_friction:
+            friction, doubt = self._friction(path)
+            scale = whole.against(path) / friction
+            std = math.hypot(std, value * doubt)
+        elif own.told_as is not None:
+            scale, unit = own.told_as.value(path.hypothesis.model), own.told_as.unit
+        elif not own.absolute:
+            scale, unit = self.rig.model[own.name], PARAMETERS[own.name][0]
+        said = (scale * value, unit)
+        if own.told_as is not None:
+            said = (value * own.told_as.in_words(path.hypothesis.model), own.told_as.unit_in_words)
+        value, half = scale * value, Z95 * abs(scale) * std
+        return Severity(own.tells, value, (value - half, value + half), unit, own.says(*said))
+
+    def _friction(self, path: Path) -> tuple[float, float]:
+        """Friction of the healthy rig as the move has it [N m], and the relative standard deviation of that."""
+        usual, states = self.rig.model["A"], path.hypothesis.states
+        if "A" not in states:
+            return usual, self.rig.spread("A")
+        k = states.index("A")
+        factor = float(path.memory.x[k])
+        return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _as_good(paths: Sequence[Path]) -> list[Path]:
+    """The best path and those of its label that begin at another sample and gain next to as much."""
+    best = paths[0]
+    return [
+        p
+        for p in paths
+        if p.hypothesis.label == best.hypothesis.label and p.gain >= (1.0 - AT_WILL) * best.gain
+    ]
+
+
+def shown(path: Path) -> float:
+    """Most nats by which the sizes that a path found are not none: of its gain, what is not of having begun anew.
+
+    In a start or a stop a mass sticks sooner or later than nominal foresees, and every fault that is entered there gains
+    alike. Of a lost coupling no size is none.
+    """
+    sizes = [constant(path, own) for own in path.hypothesis.own if own.name in NONE_AT_ZERO]
+    return sum(0.5 * (value / std) ** 2 for value, std in sizes if std) if sizes else math.inf
+
+
+def _resists(path: Path) -> bool:
+    """Whether a spring has shown its stiffness: one of none is a slip, and a load before it that the mass follows a jam.
+
+    Where the mass loses travel by it, a load will do.
+    """
+    own = {o.name: o for o in path.hypothesis.own}
+    if "C" not in own or own["C"].told_as is None:
+        return True
+    value, std = constant(path, own["C"])
+    if "torque" in own and not follows_whole(path):
+        value, std = load_of_a_spring(path)
+    return value > BELIEVABLE * std
+
+
+def _stands_under_load(path: Path) -> bool:
+    """Whether a path takes a mass that has lost all its travel for one that presses against something."""
+    own = {o.name: o for o in path.hypothesis.own}
+    if not {"C", "E"} <= own.keys():
+        return False
+    (lost, std), (stiff, doubt) = constant(path, own["E"]), constant(path, own["C"])
+    return lost > 1.0 - BELIEVABLE * std and stiff > BELIEVABLE * doubt
+
+
+def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:
+    """Whether the path is over before the ring of a start is, or as soon as it has begun."""
+    if path.end is None:
+        return False
+    begin, end = whole.window.t[path.begin], whole.window.t[path.end]
+    return bool(end < start_s + SETTLED_S or end - begin < PASSES_S)
+
+
+def _why(best: Story, whole: WholeMove) -> str:
+    while_it = "" if whole.lasts(best.path) else " for a while"
+    powers = digits(best.gain / math.log(10.0))
+    return f"the whole move says so: with this fault{while_it} it is likelier by {powers} powers of ten than without"
