@@ -19,8 +19,9 @@ PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
 HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
 DRIVEN_BACK, TOUCHING = 0.2, 0.02  # of the largest voltage and current
-# Of what a position covers; times the largest of its other steps; samples on either side that tell its motion.
-JUMP, OUTSIZED, AROUND = 0.8, 5.0, 20
+# Of what a position covers; times the largest of its other steps; samples on either side that tell its motion, at least and at
+# most.
+JUMP, OUTSIZED, AROUND, FARTHEST = 0.8, 5.0, 20, 200
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
@@ -74,14 +75,24 @@ def _wrap_notes(position: Array) -> Iterator[str]:
         k
         for k in jumps[(jumps >= AROUND) & (jumps < steps.size - AROUND)].tolist()
         if abs(jumping[k - AROUND : k + AROUND].sum()) > 0.5 * abs(steps[k])  # a spike comes back
-        and -np.sign(steps[k]) == np.sign(before := moving[k - AROUND : k].sum())
-        and 0.5 < moving[k + 1 : k + 1 + AROUND].sum() / before < 2.0
+        and _goes_on(moving, jumps, k, -np.sign(steps[k]))
     ]
     if wraps:
         jump = with_unit(abs(float(steps[wraps[0]])), "m")
         yield (
             f"position_m jumps by {jump} against its motion: does it start anew each turn of its sensor? Log it without jumps"
         )
+
+
+def _goes_on(moving: Array, jumps: NDArray[np.intp], k: int, way: float) -> bool:
+    """Whether a position moves one way before and behind its k-th step, about as fast, as far as it makes no other jump there."""
+    others = jumps[jumps != k]
+    first = max(k - FARTHEST, int(np.max(others[others < k], initial=-1)) + 1, 0)
+    last = min(k + 1 + FARTHEST, int(np.min(others[others > k], initial=moving.size)))
+    if min(k - first, last - k - 1) < AROUND:
+        first, last = k - AROUND, k + 1 + AROUND
+    before, behind = way * float(moving[first:k].mean()), way * float(moving[k + 1 : last].mean())
+    return before > 0.0 and 0.5 * before < behind < 2.0 * before
 
 
 def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], model: Model) -> Iterator[str]:
@@ -117,8 +128,11 @@ def quarter_of_a_ring(model: Model) -> float:
 def _first_push(log: Log, move: Segment, most: float, seconds: float) -> float:
     """Mean current along the command in the first seconds of a move from rest, over the largest there [1].
 
-    NaN where nobody knows, and of a soft start, whose current stays below a share of the most that the supply drives [A].
+    NaN where nobody knows: of a log that begins within the start, where the servo may brake already, and of a soft start,
+    whose current stays below a share of the most that the supply drives [A].
     """
+    if move.start == 0:
+        return np.nan
     begin = slice(move.start, move.start + round(seconds * log.rate_hz))
     i = log.z[begin, 1] * np.sign(move.peak)
     largest = _largest(i)

@@ -21,7 +21,7 @@ from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
 from observer_fi.verdict.moves.second_fault import first_misfit
 from observer_fi.verdict.moves.stories import Story, constant, in_order
-from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, WELL, Path, WholeMove, window_of
+from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
@@ -84,8 +84,10 @@ class LastWord:
             return event
         paths, stories = self._near(doubted, event, whole)
         named = any(story.mode != UNKNOWN for story in stories)
-        if not named and any(self.naming.counts(path, whole, event) for path in paths):
-            stories = self._later(stories, event, whole)
+        begun = doubted < whole.window.t[0]
+        if not named and (begun or any(self.naming.counts(path, whole, event) for path in paths)):
+            later, stories = self._later(stories, event, whole)
+            paths = paths or later
         if not stories and whole.n > whole.moving and doubted < whole.window.t[whole.moving - 1] - STOPPED_S:
             stopped = self._of_the_stop(whole)
             paths, stories = [*paths, *stopped], self.naming.told_by(stopped, whole, event)
@@ -185,15 +187,21 @@ class LastWord:
             edge = bool(paths) and whole.window.t[paths[0].begin] <= since + EDGE_S
             if since <= event.start_s or (not edge and (stories or before == BEFORE_S[1])):
                 break
+        if (
+            paths and whole.window.t[paths[0].begin] >= doubted + AFTER_S - EDGE_S
+        ):  # a doubt by chance, and a fault later
+            further = whole.paths(paths[0].begin, whole.n)
+            if further and further[0].gain > paths[0].gain:
+                return further, self.naming.told_by(further, whole, event)
         return paths, stories
 
-    def _later(self, stories: list[Story], event: Event, whole: WholeMove) -> list[Story]:
-        """Stories of faults after the ring of the start where they are as good: the doubt was of the ring."""
+    def _later(self, stories: list[Story], event: Event, whole: WholeMove) -> tuple[list[Path], list[Story]]:
+        """Faults after the ring of the start, and their stories where they are as good: the doubt was of the ring."""
         first = int(np.searchsorted(whole.window.t, event.start_s + SETTLED_S))
         later = [path for path in whole.paths(first, whole.n) if path.begin >= first]
         found = self.naming.told_by(later, whole, event)
         best = max((story.gain for story in stories), default=-math.inf)
-        return found if any(story.gain >= best for story in found) else stories
+        return later, found if any(story.gain >= best for story in found) else stories
 
     def _move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
         """The move from a rest before it to its last sample under way, or so long into the rest after it."""
@@ -204,7 +212,19 @@ class LastWord:
             return None
         self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
         self.laws = self.laws or other_laws(self.rig, self.filters.settings)
-        return WholeMove(self.hypotheses, *found, self.filters, self.laws)
+        whole = WholeMove(self.hypotheses, *found, self.filters, self.laws)
+        at_once = event.label == UNKNOWN and event.start_s <= found[0].t[0]
+        return _from_where_it_is_known(whole) if at_once else whole
+
+
+def _from_where_it_is_known(whole: WholeMove) -> WholeMove:
+    """The move without the first samples of a log that begins in a start, of which no reading tells how far the servo was."""
+    first = round(SETTLED_S / whole.interval) // STRIDE * STRIDE
+    left, misfit = whole.moving - first, float(whole.nis[:first].mean()) if first else 0.0
+    if left < first or not whole.window.active[0] or misfit <= FITS * whole.expected(whole.nominal):
+        return whole
+    hypotheses, window = (whole.nominal, *whole.faults), whole.window.cut(first, whole.n)
+    return WholeMove(hypotheses, window, whole.memories[first // STRIDE], whole.filters, whole.laws)
 
 
 def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, float] | None:

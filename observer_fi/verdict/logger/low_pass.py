@@ -29,6 +29,9 @@ from observer_fi.verdict.moves.of_the_day import Told, nats_of
 # Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not
 # bring near is no matter of filters.
 FITS, NEAR = 1.6, 30.0
+# The same with filters of a start that is explained without them: noise that wanders alone fits worse, chance of 300 samples
+# does not.
+TRUE = 1.25
 NOTICED_NATS = 40.0  # that filters must gain at a start
 ABOUT = 2.5  # times the delay of a filter, the correlation time of noise that has come through it
 SLOW = 2.0  # samples: noise of a longer correlation may have come through a filter with the signal
@@ -79,7 +82,8 @@ def low_passes_of(
     if explained and not _colours(best, acquisition):
         return none
     worth = max(start.as_filed, without.nats) + NOTICED_NATS
-    return best if start.misfit(best) < FITS and start.nats(best) > worth else none
+    fits = TRUE if explained else FITS
+    return best if start.misfit(best) < fits and start.nats(best) > worth else none
 
 
 def _colours(filters: LowPasses, acquisition: Acquisition) -> bool:

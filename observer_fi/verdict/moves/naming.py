@@ -102,7 +102,7 @@ class Naming:
         Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and a size
         that stands shows; and in a stop.
         """
-        if _passes(path, whole, event.start_s):
+        if _passes(path, whole, event.start_s) or _tells_afterwards(path, whole):
             return False
         if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
             more = max(shown(path), path.later)
@@ -205,6 +205,8 @@ class Naming:
         A fault that is there from the start must win by far: a rig file that is off also shows from the start.
         """
         first = int(np.searchsorted(whole.window.t, start_s))
+        if path.begin == 0 and start_s < whole.window.t[0]:
+            return False  # it may have been there before, where nobody knows
         if whole.window.t[path.begin] - start_s < CLEAN_S:
             fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path, whole)
             return fits and whole.lasts(path) and path.later >= FAR * self.settings.move_nats
@@ -252,6 +254,12 @@ class Naming:
         k = states.index("A")
         factor = float(path.memory.x[k])
         return usual * factor, math.sqrt(max(float(path.memory.P[k, k]), 0.0)) / factor
+
+
+def _tells_afterwards(path: Path, whole: WholeMove) -> bool:
+    """Whether all that a fault of an instant gains comes when it has long been over: of a state that was in doubt anew."""
+    soon = path.end is not None and path.end - path.begin < round(SETTLED_S / whole.interval)
+    return soon and path.gain < path.later
 
 
 def _as_good(paths: Sequence[Path]) -> list[Path]:
