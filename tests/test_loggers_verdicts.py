@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hidden import PAIRS, TRAITS, TRIPLES, draw_move_case, make_log_with, trait_of
 
@@ -70,6 +71,49 @@ def test_a_mass_that_never_moves_is_no_coarse_sensor(name: str) -> None:
         frame, _ = make_log_with(name, early, seed)
         outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
         assert outcome.isolation is not None and outcome.isolation.verdict.label == "coupling_loss"
+
+
+# Of 2940 moves on fresh seeds these were wrong: an event of the logger, or a chance of its noise, had been taken for a fault.
+ONCE_WRONG = (
+    ("drive_off", "nominal", 240006),  # goes off while the motor still rings
+    ("drive_off", "nominal", 240018),
+    ("mid_move", "coupling_loss", 240011),  # begins while the servo brakes
+    ("mid_move", "overload", 240055),
+    ("mid_move", "coupling_loss", 240059),
+    ("coloured", "nominal", 240048),  # a colour that a filter would give, too
+    ("noise_3+steps_all", "nominal", 240054),  # all that a fault of 60 ms gains comes seconds later
+    ("position_100hz+steps_all+hum_50hz", "overload", 240022),  # a doubt by chance, 0.35 s before the fault
+)
+
+
+@pytest.mark.parametrize(("name", "label", "seed"), ONCE_WRONG)
+def test_what_a_logger_does_is_no_fault(name: str, label: str, seed: int) -> None:
+    answer = said(name, label, seed)
+    assert answer.right, answer.words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [0.01, 0.03, 0.08, 0.2])
+def test_a_drive_that_goes_off_at_any_time_after_a_move_is_no_fault(after_s: float) -> None:
+    for seed in range(7700, 7710):
+        frame, _ = make_log_with("drive_off", draw_move_case(seed, "nominal"), seed)
+        stopped = frame["time_s"] > frame["time_s"][frame["speed_cmd_rad_s"] != 0.0].iloc[-1] + after_s
+        rng = np.random.default_rng(seed)
+        for column, noise in (("voltage_v", 0.01), ("current_a", 3e-4)):
+            frame.loc[stopped, column] = noise * rng.standard_normal(int(stopped.sum()))
+        outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
+        assert outcome.isolation is not None and outcome.isolation.verdict.label == "nominal", seed
+
+
+@pytest.mark.slow
+def test_a_log_that_begins_in_a_start_is_judged() -> None:
+    wrong = [
+        answer.words
+        for seed in range(7720, 7740)
+        for answer in (said("mid_move", CLASSES[seed % 3], seed),)
+        if not answer.right
+    ]
+    assert len(wrong) <= 1, wrong
 
 
 def answers(name: str) -> list[Said]:

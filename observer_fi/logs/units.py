@@ -21,7 +21,8 @@ HARD = 0.3  # of the most current that the supply drives: a start that takes les
 DRIVEN_BACK, TOUCHING = 0.2, 0.02  # of the largest voltage and current
 # Of what a position covers; times the largest of its other steps; samples on either side that tell its motion, at least and at
 # most.
-JUMP, OUTSIZED, AROUND, FARTHEST = 0.8, 5.0, 20, 200
+JUMP, OUTSIZED, AROUND, FARTHEST = 0.8, 5.0, 20, 600
+SEEN = 4.0  # times what noise moves a position, a motion
 FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and faults stay below
 
 
@@ -75,7 +76,7 @@ def _wrap_notes(position: Array) -> Iterator[str]:
         k
         for k in jumps[(jumps >= AROUND) & (jumps < steps.size - AROUND)].tolist()
         if abs(jumping[k - AROUND : k + AROUND].sum()) > 0.5 * abs(steps[k])  # a spike comes back
-        and _goes_on(moving, jumps, k, -np.sign(steps[k]))
+        and _goes_on(moving, k, -np.sign(steps[k]))
     ]
     if wraps:
         jump = with_unit(abs(float(steps[wraps[0]])), "m")
@@ -84,15 +85,11 @@ def _wrap_notes(position: Array) -> Iterator[str]:
         )
 
 
-def _goes_on(moving: Array, jumps: NDArray[np.intp], k: int, way: float) -> bool:
-    """Whether a position moves one way before and behind its k-th step, about as fast, as far as it makes no other jump there."""
-    others = jumps[jumps != k]
-    first = max(k - FARTHEST, int(np.max(others[others < k], initial=-1)) + 1, 0)
-    last = min(k + 1 + FARTHEST, int(np.min(others[others > k], initial=moving.size)))
-    if min(k - first, last - k - 1) < AROUND:
-        first, last = k - AROUND, k + 1 + AROUND
-    before, behind = way * float(moving[first:k].mean()), way * float(moving[k + 1 : last].mean())
-    return before > 0.0 and 0.5 * before < behind < 2.0 * before
+def _goes_on(moving: Array, k: int, way: float) -> bool:
+    """Whether a position moves one way before and behind its k-th step, by more than its noise and about as fast."""
+    before, behind = way * moving[max(k - FARTHEST, 0) : k], way * moving[k + 1 : k + 1 + FARTHEST]
+    seen = all(side.sum() > SEEN * np.median(np.abs(side)) / 0.6745 for side in (before, behind))
+    return seen and 0.5 < float(behind.mean() / before.mean()) < 2.0
 
 
 def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], model: Model) -> Iterator[str]:

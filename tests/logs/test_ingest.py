@@ -264,6 +264,26 @@ def test_sensors_that_fail_have_no_wrong_unit() -> None:
             assert not [note for note in notes if "magnitude" in note or "anew" in note]
 
 
+@pytest.mark.parametrize("noise_m", [1e-6, 1e-5, 5e-5])
+def test_a_position_that_drops_to_zero_under_noise_does_not_start_anew(noise_m: float) -> None:
+    """What noise does in 20 samples is no motion: three drop-outs of twelve had been taken for a sensor that wraps."""
+    log = read_log(SHIPPED / "overload_steady.csv.gz")
+    model, moves = load_rig().model, log_segments(log)
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        away = log.t > rng.uniform(log.t[0] + 0.6, log.t[-1] - 0.6)
+        z = log.z.copy()
+        z[away, 2] = noise_m * rng.standard_normal(np.count_nonzero(away))
+        assert not suspect_units(replace(log, z=z), moves, model)
+
+
+@pytest.mark.parametrize("after_s", [0.015, 0.03, 0.05, 0.09])
+def test_a_log_that_begins_while_the_servo_brakes_has_the_right_sign(after_s: float) -> None:
+    log, model = read_log(SHIPPED / "false_alarm_steady.csv.gz"), load_rig().model
+    late = log.part(slice(int(np.flatnonzero(log.w_cmd)[0]) + round(after_s * log.rate_hz), None))
+    assert suspect_units(late, log_segments(late), model) == ()
+
+
 DEFECTS = st.lists(
     st.tuples(
         st.integers(0, 199),
