@@ -32,6 +32,7 @@ from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
 from observer_fi.verdict.drift import SURE, raised_friction, usual_rise
+from observer_fi.verdict.drive_off import without_off
 from observer_fi.verdict.isolate import (
     EventTracker,
     Isolator,
@@ -233,7 +234,7 @@ class Diagnosis:
             estimate = replace(estimate, active=estimate.active & (estimate.t >= self.detected_at))
         self.testable.add(log, estimate)
         starts = []
-        for tracker in self.isolator.add(estimate):
+        for tracker in self.isolator.add(without_off(estimate, log, self.logged.noise_std)):
             starts.append(tracker.start_s)
             self._look_for_onsets(tracker)
         self._ask_moves(self.isolator.events)

@@ -16,6 +16,7 @@ from observer_fi.numerics import MOST
 from observer_fi.physics import INDEX, OwnState
 from observer_fi.records import Array, Event
 from observer_fi.verdict.drift import risen_drag
+from observer_fi.verdict.drive_off import until_off
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
@@ -24,9 +25,6 @@ TRIALS = 16  # begins that a first look tries at least; two in the samples that 
 # After a begin, by which a fault that comes for a while shows; beside them the whole move.
 LOOKS_S = (0.03, 0.125, 1.0)
 SETTLED_S = 0.15  # by then the ring of a start is over
-# Standard deviations that voltage and current of a drive that is off stay below, and from which they drop there within two
-# samples; samples that tell it.
-NOTHING, DROP, OFF = 5.0, 10.0, 8
 JUMP_DEG = 1.0  # of the pitch from one sample to the next: a rig that was set up anew as it stood, which tells of no move
 LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
@@ -87,24 +85,12 @@ def window_of(event: Event, bank: Bank, rest_s: float = 0.0) -> tuple[LogSamples
     last = int(under_way[-1])
     stopped = min(event.end_s, float(recent.t[last]) + rest_s)
     end = int(np.searchsorted(recent.t, stopped, "right"))
-    end = last + 1 + _until_off(recent.z[last + 1 : end, :2], bank.rig.noise_std[:2])
+    interval = float(np.median(np.diff(recent.t[first:end])))
+    rest = until_off(recent.z[last + 1 : end, :2], bank.rig.noise_std[:2], interval)
+    if last + 1 + rest < end:  # while the motor rings a stop tells nothing
+        end = last + 1 + (rest if rest * interval > SETTLED_S else 0)
     jumps = np.flatnonzero(np.abs(np.diff(recent.theta[last:end])) > JUMP_DEG)
     return recent.cut(first, last + 1 + int(jumps[0]) if jumps.size else end), memory
-
-
-def _until_off(electrical: Array, noise: Array) -> int:
-    """Samples (n, 2) of voltage and current at rest until the drive is switched off: both drop to nothing at once, and stay.
-
-    From there on the motor coasts, and the readings tell of no actuator.
-    """
-    known = np.isfinite(electrical).any(axis=0)
-    if not known.any():
-        return len(electrical)
-    sizes = np.max(np.abs(electrical[:, known]) / noise[known], axis=1, initial=0.0)
-    alive = np.flatnonzero(~(sizes < NOTHING))
-    first = int(alive[-1]) + 1 if alive.size else 0
-    dropped = 0 < first <= len(electrical) - OFF and np.nanmax(sizes[max(first - 2, 0) : first]) > DROP
-    return first if dropped else len(electrical)
 
 
 class WholeMove:

@@ -1,0 +1,51 @@
+"""A drive that is switched off at rest: from there on voltage and current tell of no actuator."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from observer_fi.records import Array, Estimate, Log
+
+# Standard deviations that voltage and current of a drive that is off stay below, and from which they drop there in so long; of
+# the readings' offsets there; samples that tell it.
+NOTHING, DROP, DROP_S, OFFSETS, OFF = 5.0, 10.0, 3e-3, 15.0, 8
+
+
+def without_off(e: Estimate, log: Log, noise: Array) -> Estimate:
+    """The estimate of a log's samples, with no evidence in those of a rest in which the drive is off."""
+    still = np.flatnonzero(np.diff(np.concatenate(([False], log.w_cmd == 0.0, [False])).astype(np.int8)))
+    off = np.zeros(log.t.size, dtype=bool)
+    for first, end in zip(still[::2].tolist(), still[1::2].tolist(), strict=True):
+        if first > 0:
+            off[first + until_off(log.z[first:end, :2], noise[:2], 1.0 / log.rate_hz) : end] = True
+    if not off.any():
+        return e
+    nis, normalised, density = (
+        np.where(off[:, None], np.nan, told) for told in (e.nis, e.normalised, e.density)
+    )
+    return replace(e, nis=nis, normalised=normalised, density=density)
+
+
+def until_off(electrical: Array, noise: Array, interval: float) -> int:
+    """Samples (n, 2) of voltage and current at rest until the drive is switched off: both drop to nothing at once, and stay.
+
+    From there on the motor coasts, and the readings tell of no actuator. Readings may be held, filtered and offset.
+    """
+    z = _filled(electrical / noise)
+    z = z[:, np.isfinite(z[-1:]).all(axis=0)]
+    if len(z) <= OFF or not z.size:
+        return len(electrical)
+    level = np.median(z[-OFF:], axis=0)  # zero, but for offsets
+    sizes = np.max(np.abs(z - level), axis=1)
+    over = ~(sizes < NOTHING)
+    alive = np.flatnonzero(over[1:] & over[:-1])  # a single one is a spike
+    first = int(alive[-1]) + 2 if alive.size else 0
+    before = max(first - max(round(DROP_S / interval), 2), 0)
+    dropped = 0 < first <= len(z) - OFF and np.nanmax(sizes[before:first]) > DROP
+    return before if dropped and np.max(np.abs(level)) < OFFSETS else len(electrical)
+
+
+def _filled(z: Array) -> Array:
+    """Rows with each channel's last known value where it has none."""
+    rows = np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z))[:, None], 0), axis=0)
+    return np.take_along_axis(z, rows, axis=0)
