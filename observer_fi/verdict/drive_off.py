@@ -6,9 +6,9 @@ import numpy as np
 
 from observer_fi.records import Array, Estimate, Log
 
-# Standard deviations that voltage and current of a drive that is off stay below, and from which they drop there in so long; of
-# the readings' offsets there; samples that tell it.
-NOTHING, DROP, DROP_S, OFFSETS, OFF = 5.0, 10.0, 3e-3, 15.0, 8
+# Standard deviations that voltage and current of a drive that is off stay below, and from which they drop there in so long, as no
+# motor does that sticks (18 in 30 stops); of the readings' offsets there; samples that tell it.
+NOTHING, DROP, DROP_S, OFFSETS, OFF = 5.0, 25.0, 3e-3, 8.0, 8
 
 
 def without_off(e: Estimate, log: Log, noise: Array) -> Estimate:
