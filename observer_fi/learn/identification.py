@@ -116,8 +116,10 @@ class Learned(NamedTuple):
     steps: dict[str, cf.Step]
 
 
-def identify(logs: Sequence[Log], rig: Rig) -> Fit:
+def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """Parameters of `rig` from logs, with intervals, correlations and what could not be identified.
+
+    filters: whether a misfit is asked for a filter that a servo's logger has before its readings.
 
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
@@ -130,11 +132,11 @@ def identify(logs: Sequence[Log], rig: Rig) -> Fit:
         return identify_driven(logs, rig)
     if needs_start(rig):
         begun = with_start(logs, rig)
-        fit = _identify_servo(logs, begun)
+        fit = _identify_servo(logs, begun, filters)
         if not {"J", "A"} <= {p.name for p in fit.parameters}:  # a servo that was begun too far off
             fit = identify_driven(logs, replace(rig, drive="voltage"))
         return _with_commanded(fit, begun, rig)
-    return _identify_servo(logs, rig)
+    return _identify_servo(logs, rig, filters)
 
 
 def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
@@ -151,9 +153,9 @@ def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
     return replace(fit, parameters=tuple(known), correlation=correlation)
 
 
-def _identify_servo(logs: Sequence[Log], rig: Rig) -> Fit:
+def _identify_servo(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
     """The fit of a rig whose servo is known well enough to begin with."""
-    learned, low_passes = _behind_filters(logs, rig)
+    learned, low_passes = _behind_filters(logs, rig) if filters else (_learned(logs, rig), LowPasses())
     fit = _fit(learned.parts, learned.fitted, learned.identified, learned.steps, rig)
     return replace(fit, filters=low_passes.told)
 

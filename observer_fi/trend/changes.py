@@ -204,11 +204,42 @@ def _with_conditions(column: Array, X: Array, by: int = 0) -> Array:
     return np.column_stack([column * X[:, c] for c in enough]) if enough else np.zeros((column.size, 0))
 
 
-def _places(n: int, first: int) -> list[int]:
-    places = range(first, n - FEWEST_AFTER + 1)
-    if len(places) <= MOST_PLACES:
-        return list(places)
-    return sorted(set(np.linspace(places[0], places[-1], MOST_PLACES).astype(int).tolist()))
+def _first_places(free: list[int]) -> tuple[list[int], int]:
+    """Logs at which a change is looked for first, and how far they lie apart."""
+    step = -(-len(free) // MOST_PLACES)
+    return free[::step], step
+
+
+def _clearest(t: Array, allowed: Array) -> tuple[int, int]:
+    """Row and column of the t value that exceeds what chance allows by most. t (m, k), allowed (k,)."""
+    over = np.abs(t) / allowed
+    row, column = np.unravel_index(int(np.nanargmax(over)), over.shape)
+    return int(row), int(column)
+
+
+def _weighed(work: Array, plain: Array, X: Array, time: Array, kinds: list[tuple[str, int, int]]) -> Array:
+    """(m, k) t value of each kind of change at its log, as far as it counts beside a plain step."""
+    t = _t_values(work, X, np.column_stack([_column(kind, p, time) * plain[:, c] for kind, p, c in kinds]))
+    t[[kind == DRIFT for kind, _, _ in kinds]] *= DRIFT_SHARE
+    t[[c > 0 for _, _, c in kinds]] *= CONDITION_SHARE
+    return t
+
+
+def _searched(
+    work: Array, plain: Array, X: Array, time: Array, allowed: Array, free: list[int], signed: list[int]
+) -> tuple[list[tuple[str, int, int]], Array]:  # fmt: skip
+    """Kinds of change (kind, log, condition) with their t values: of many logs at some first, then at all near to the best."""
+    last = work.shape[0] - FEWEST_AFTER - 2  # for what takes more logs than a step to tell
+    places, step = _first_places(free)
+    kinds = [(kind, p, 0) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= last]
+    kinds += [(STEP, p, c) for c in signed for p in places if p <= last]
+    t = _weighed(work, plain, X, time, kinds)
+    kind, place, by = kinds[_clearest(t, allowed)[0]]
+    ends = work.shape[0] if kind == STEP and not by else last
+    between = [(kind, p, by) for p in free if 0 < abs(p - place) < step and p <= ends]
+    if not between:
+        return kinds, t
+    return kinds + between, np.concatenate([t, _weighed(work, plain, X, time, between)])
 
 
 def _next(
@@ -220,22 +251,18 @@ def _next(
     that neither shows it.
     """
     n, quantities = work.shape
-    places = [
+    free = [
         p
-        for p in _places(n, max(healthy, FEWEST_BEFORE))
+        for p in range(max(healthy, FEWEST_BEFORE), n - FEWEST_AFTER + 1)
         if all(abs(p - other) >= FEWEST_BEFORE for other in taken)
     ]
-    if not places:
+    if not free:
         return None
-    kinds = [(kind, p, 0) for kind in (STEP, DRIFT) for p in places if kind == STEP or p <= n - 4]
-    kinds += [(STEP, p, c) for c in signed for p in places if p <= n - 4]
-    t = _t_values(work, X, np.column_stack([_column(kind, p, time) * plain[:, c] for kind, p, c in kinds]))
     freedom = np.maximum(np.isfinite(work).sum(axis=0) - X.shape[1] - 1, 1)
     allowed = _allowed(rate, quantities, n, freedom)
-    t[[kind == DRIFT for kind, _, _ in kinds]] *= DRIFT_SHARE
-    t[[c > 0 for _, _, c in kinds]] *= CONDITION_SHARE
+    kinds, t = _searched(work, plain, X, time, allowed, free, signed)
+    best, j = _clearest(t, allowed)
     over = np.abs(t) / allowed
-    best, j = np.unravel_index(int(np.nanargmax(over)), over.shape)
     if over[best, j] <= 1.0:
         return None
     kind, _, by = kinds[best]

@@ -43,9 +43,10 @@ def quantities(log: Log, rig: Rig) -> tuple[list[Set], dict[str, str], dict[str,
     from observer_fi.learn import identify  # a second to import, for logs that are new
 
     log = with_command(log, rig)
-    fit = identify([log], _roomy(rig))
-    found = [_constants(fit)]
-    found += _play(log, fit) + _misfit(fit)
+    # A filter is the logger's: looked for in each log for itself, it would come and go with its other constants.
+    fit = identify([log], _roomy(rig), filters=False)
+    play = _play(log, fit)
+    found = [_constants(fit, {name for names, *_ in play for name in names}), *play, *_misfit(fit)]
     return found, dict(fit.not_identifiable), _conditions(log, fit)
 
 
@@ -55,8 +56,10 @@ def _roomy(rig: Rig) -> Rig:
     return replace(rig, quantities={**rig.quantities, **wide})
 
 
-def _constants(fit: Fit) -> Set:
-    kept = [k for k, p in enumerate(fit.parameters) if p.name in PARAMETERS and math.isfinite(p.std)]
+def _constants(fit: Fit, beside: set[str]) -> Set:
+    """The constants of a fit but for those that are told `beside` it."""
+    told = [k for k, p in enumerate(fit.parameters) if p.name in PARAMETERS and math.isfinite(p.std)]
+    kept = [k for k in told if fit.parameters[k].name not in beside]
     if not kept:
         raise InvalidLogError(
             "no constant can be told from this log; record moves from rest in both directions"
@@ -88,17 +91,27 @@ class Reversals(NamedTuple):
 
 
 def _play(log: Log, fit: Fit) -> list[Set]:
-    """How far the motor turns at a reversal before the mass follows, and how late the position is seen [m, s].
+    """How far the motor turns at a reversal before the mass follows, how late the position is seen [m, s], and D.
 
     A simulated move starts from where the mass stood. After a reversal the mass lags behind it as far as it has gone, and
     by the play from there on: min(gone, play), fitted by Gauss and Newton's steps from several widths. A width below zero
     is the scatter of a mean of zero: cut off, healthy logs would have play, and what grows would begin late.
+    The fit knows no play and takes it for a smaller D, which is told anew here.
     """
     seen = _reversals(log, fit)
     if seen is None:
         return []
     theta, covariance = play_and_lag(seen)
-    return [(("backlash", "position_lag"), ("m", "s"), theta[:2], covariance[:2, :2])]
+    names: tuple[str, ...] = ("backlash", "position_lag")
+    units: tuple[str, ...] = ("m", "s")
+    before = np.zeros(2)
+    scale = np.ones(2)
+    for p in fit.parameters:
+        if p.name == "D":
+            names, units = (*names, "D"), (*units, p.unit)
+            before, scale = np.append(before, p.value), np.append(scale, p.value)
+    n = len(names)
+    return [(names, units, before + scale * theta[:n], covariance[:n, :n] * np.outer(scale, scale))]
 
 
 def play_and_lag(seen: Reversals) -> tuple[Array, Array]:

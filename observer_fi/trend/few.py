@@ -72,14 +72,22 @@ def is_few(logs: int) -> bool:
 
 def everyday(names: Sequence[str], units: Sequence[str], value: Array) -> Array:
     """(k,) what runs of a sound actuator are taken to differ by, from values (k,). Torques count against friction, of which
-    an offset or a slope is a part.
+    an offset or a slope is a part. A ripple counts by its own size as well: a position that is counted from where it was
+    switched on begins anywhere in a turn.
     """
     share = np.array([EVERYDAY.get(u, OTHERWISE) for u in units])
     size = np.where(np.array(units) == "1", 1.0, np.abs(value))
     if "A" in names:
         torque = np.array([u == units[names.index("A")] for u in units])
         size = np.where(torque, np.maximum(size, abs(float(value[names.index("A")]))), size)
-    return np.asarray(share * size)
+    return np.maximum(share * size, _amplitudes(names, value))
+
+
+def _amplitudes(names: Sequence[str], value: Array) -> Array:
+    """(k,) the amplitude of the ripple of which a quantity is the sine or cosine; zero for others."""
+    pairs = [n.replace("_sin_", "_cos_") if n.startswith("ripple_") else "" for n in names]
+    squares = {p: sum(float(v) ** 2 for v, q in zip(value, pairs, strict=True) if q == p) for p in set(pairs)}
+    return np.array([math.sqrt(squares[p]) if p else 0.0 for p in pairs])
 
 
 def from_few(before: Table, rate: float) -> Baseline:

@@ -5,6 +5,7 @@ from observer_fi.physics import Quantity, Rig
 from observer_fi.records import Log
 from observer_fi.trend import constants, travel
 from observer_fi.trend.digests import Digest, joined, recorded_at
+from observer_fi.trend.turn_ripple import of_turn
 
 
 def digest_of(log: Log, rig: Rig) -> Digest:
@@ -23,7 +24,8 @@ def digest_of(log: Log, rig: Rig) -> Digest:
     friction, curve = travel.friction(series, rig)
     if curve is None:
         return _silent(log, time, "the mass moves too shortly; record moves of a second or longer")
-    names, units, value, covariance = joined([*friction, *travel.events(series), *travel.loop(series)])
+    beside = [*of_turn(log, series, rig), *travel.events(series), *travel.loop(series)]
+    names, units, value, covariance = joined([*friction, *beside])
     missing = {} if "A" in names else {"A": "moves in one direction only; record moves in both"}
     notes = (
         ("the current is a magnitude: its sign is taken from the direction of motion",)

@@ -63,13 +63,13 @@ def series_of(log: Log, rig: Rig) -> Series | str:
     if driving is None or not (np.isfinite(driving).any() and np.isfinite(log.z[:, 2]).any()):
         return f"no {'current' if rig.driven.motor else 'force'} or no position was measured"
     factor = max(int(log.rate_hz / RATE_HZ), 1)
-    t = np.linspace(log.t[0], log.t[-1], round(float(log.t[-1] - log.t[0]) * log.rate_hz) + 1)
+    t = even_clock(log)
     if t.size // factor < 2 * FEWEST:
         return "too short; record moves of some seconds"
     step = factor * (t[1] - t[0])
     channels = [np.interp(t, log.t, filled(c)) for c in (driving, *_channels(log))]
-    i, x, load, pitch, cmd = (_averaged(c, factor) for c in channels)
-    t = _averaged(t, factor)
+    i, x, load, pitch, cmd = (averaged(c, factor) for c in channels)
+    t = averaged(t, factor)
     v, a = _slopes(x, step)
     fast = float(np.quantile(np.abs(v), 0.95))
     noise = float(np.std(np.diff(x, 3))) / np.sqrt(20.0)
@@ -107,7 +107,13 @@ def _channels(log: Log) -> tuple[Array, ...]:
     return log.z[:, 2], load, log.pitch, cmd
 
 
-def _averaged(y: Array, factor: int) -> Array:
+def even_clock(log: Log) -> Array:
+    """Times [s] as far apart as the log's samples are in the mean."""
+    samples = round(float(log.t[-1] - log.t[0]) * log.rate_hz) + 1
+    return np.linspace(log.t[0], log.t[-1], samples)
+
+
+def averaged(y: Array, factor: int) -> Array:
     """Means of `factor` samples each."""
     return np.asarray(y[: y.size // factor * factor].reshape(-1, factor).mean(axis=1))
 
@@ -124,11 +130,36 @@ def _slopes(x: Array, step: float) -> tuple[Array, Array]:
 
 def friction(s: Series, rig: Rig) -> tuple[list[Set], Curve | None]:
     """Friction of both directions: mean, half difference, slopes with travel and speed; and what these leave."""
-    used = s.moving != 0.0
-    ways = [w for w in WAYS if np.count_nonzero(s.moving == w) >= FEWEST]
-    used &= np.isin(s.moving, ways)
-    if not ways:
+    steady = steady_friction(s)
+    if steady is None:
         return [], None
+    used = steady.used
+    theta, covariance, r = regression(steady.G, steady.torque)
+    scale = np.ones(theta.size)
+    scale[-1] = 1.0 / max(float(np.std(s.a[used])), 1e-30) * rig.model["D"]
+    theta, covariance = theta * scale, covariance * np.outer(scale, scale)
+    names = (*steady.names[:-1], "inertia")
+    units = ("N m",) * (len(names) - 1) + ("kg m^2",)
+    found = _both_ways((names, units, theta, covariance))
+    keep = slice(None, None, max(r.size // LONGEST, 1))
+    return [found], Curve(s.x[used][keep], (r * 1.0)[keep], s.moving[used][keep], s.step * (keep.step or 1))
+
+
+class Steady(NamedTuple):
+    """Torque (n,) N m of the samples `used` of a series that move steadily, and what it is regressed on: G (n, k), names (k,)."""
+
+    used: Mask
+    torque: Array
+    names: tuple[str, ...]
+    G: Array
+
+
+def steady_friction(s: Series) -> Steady | None:
+    """The smooth part of friction as a regression: by direction, with travel and speed, and acceleration; None at rest."""
+    ways = [w for w in WAYS if np.count_nonzero(s.moving == w) >= FEWEST]
+    used = np.isin(s.moving, ways)
+    if not ways:
+        return None
     centre, half = _travel(s.x[used])
     u = (s.x - centre) / half
     fast = (np.abs(s.v) - s.typical) / s.typical
@@ -137,19 +168,9 @@ def friction(s: Series, rig: Rig) -> tuple[list[Set], Curve | None]:
         here = (s.moving == w).astype(float)
         names += [f"{n}_{WAYS[w]}" for n in ("friction", "travel_slope", "travel_curvature", "speed_slope")]
         columns += [here, here * u, here * (1.5 * u**2 - 0.5), here * fast]
-    y = np.where(used, s.torque * s.moving, 0.0)
     names.append("acceleration_torque")
     columns.append(s.moving * s.a / max(float(np.std(s.a[used])), 1e-30))
-    G = np.column_stack(columns)[used]
-    theta, covariance, r = regression(G, y[used])
-    scale = np.ones(theta.size)
-    scale[-1] = 1.0 / max(float(np.std(s.a[used])), 1e-30) * rig.model["D"]
-    theta, covariance = theta * scale, covariance * np.outer(scale, scale)
-    names[-1] = "inertia"
-    units = ["N m"] * (len(names) - 1) + ["kg m^2"]
-    found = _both_ways((tuple(names), tuple(units), theta, covariance))
-    keep = slice(None, None, max(r.size // LONGEST, 1))
-    return [found], Curve(s.x[used][keep], (r * 1.0)[keep], s.moving[used][keep], s.step * (keep.step or 1))
+    return Steady(used, (s.torque * s.moving)[used], tuple(names), np.column_stack(columns)[used])
 
 
 def _travel(x: Array) -> tuple[float, float]:

@@ -52,6 +52,15 @@ def test_a_step_with_a_log_in_between_is_one_step_in_every_quantity():
         }
 
 
+@pytest.mark.parametrize("onset", [601, 603, 604, 987])
+def test_in_a_thousand_logs_a_step_is_one_step_and_begins_where_it_does(onset):
+    t = told(life(3, logs=1000, shift=lambda k: moved(A=10.0) if k >= onset else moved()))
+    assert [(f.kind, f.name) for f in t.findings] == [("step", "A")]
+    f = t.findings[0]
+    assert f.low <= onset <= f.high and abs(f.row - onset) <= 1
+    assert abs(f.size - 10.0 * SCATTER[1]) < 4.0 * f.std
+
+
 def test_the_interval_of_an_onset_holds_it():
     inside = 0
     for seed in range(12):
