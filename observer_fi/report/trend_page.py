@@ -27,6 +27,7 @@ from observer_fi.trend import (
 
 SCHEMA = "observer-fi/trend/1"
 COLOURS = {UNCHANGED: "#3d6fa8", CHANGED: "#b3261e", NOT_TESTED: "#8a929b"}
+NO_CHANGE_OF_FEW = "No change beyond what sound runs may differ by"
 FIRST_NAMED = 3  # of what differs between a few logs
 LANES = 12  # shown at once; the others stand below, folded
 
@@ -174,6 +175,12 @@ def headline(found: Trend) -> str:
 
 def _few_headline(found: Trend) -> str:
     """What differs in the last of a few logs, and that no scatter is known."""
+    told = "; ".join(f.words for f in found.findings) or _few_verdict(found)
+    return f"{told}. {_beyond_noise(found)}; {found.assumed}"
+
+
+def _beyond_noise(found: Trend) -> str:
+    """What differs in the last of a few logs by more than their noise, and how many quantities do not."""
     last = found.compared[-1:]
     differ = [d for c in last for d in c.differences if d.differs]
     alike = sum(len(c.differences) for c in last) - len(differ)
@@ -183,12 +190,11 @@ def _few_headline(found: Trend) -> str:
     )
     more = f" and {len(differ) - FIRST_NAMED} more" if len(differ) > FIRST_NAMED else ""
     beyond = (
-        f"beyond the noise of the logs differ {named}{more}"
+        f"Beyond the noise of the logs differ {named}{more}"
         if differ
-        else "no difference beyond the noise of the logs"
+        else "No difference beyond the noise of the logs"
     )
-    told = "; ".join(f.words for f in found.findings) or _few_verdict(found)
-    return f"{told}. {beyond[0].upper()}{beyond[1:]}; {alike} quantities do not; {found.assumed}"
+    return f"{beyond}; {alike} quantities do not"
 
 
 def _few_verdict(found: Trend) -> str:
@@ -196,7 +202,7 @@ def _few_verdict(found: Trend) -> str:
     last = found.logs[-1]
     if last.verdict == NOT_TESTED:
         return f"{_short(last.digest.path)} is not tested: {last.reason}"
-    return "No change beyond what sound runs may differ by"
+    return NO_CHANGE_OF_FEW
 
 
 def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = NONE, fleet: str = "") -> str:
@@ -212,6 +218,8 @@ def page(found: Trend, name: str, bad: list[str], reports: Mapping[str, str] = N
             counts={v: sum(j.verdict == v for j in found.logs) for v in (CHANGED, UNCHANGED, NOT_TESTED)},
             colours=COLOURS, words=in_words, versions=versions(), least=_least(found), size=with_unit, level=_level, moved=_moved,
             short=_short, sizes=_sizes, cause=_cause, percent=in_percent,
+            no_change=NO_CHANGE_OF_FEW if found.assumed else "Nothing has changed",
+            beyond=_beyond_noise(found) if found.assumed and found.compared else "",
         )
     )  # fmt: skip
 

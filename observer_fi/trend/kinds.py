@@ -1,6 +1,7 @@
 """What a change of each quantity is called: its kind, the causes of the vocabulary that move it, and words for a technician."""
 
 from fnmatch import fnmatchcase
+from functools import cache
 from typing import NamedTuple
 
 from observer_fi.numerics import with_unit
@@ -269,6 +270,7 @@ KINDS = (
 OTHER = Kind("*", "other", "unknown", "torque", (), "")
 
 
+@cache
 def kind_of(name: str) -> Kind:
     """The kind of a quantity."""
     return next((kind for kind in KINDS if fnmatchcase(name, kind.pattern)), OTHER)

@@ -29,6 +29,7 @@ PROPORTIONS: dict[str, tuple[str, dict[str, float]]] = {
 
 # What else a fit without the cause gets wrong by it: told as part of it, not as causes of their own.
 SYMPTOMS = {"backlash": ("backlash", ("D", "position_lag", "misfit_position"))}
+ALONG = 1e-10  # share of a column's square beside those that are taken: less of it is one of them
 FIRST = ("A", "backlash")  # quantities that name their group where they have moved
 MISFIT = "misfit"  # group of quantities that any cause moves which the constants do not know
 MISFITS = frozenset(kind.cause for kind in KINDS if kind.group == MISFIT)
@@ -63,16 +64,13 @@ def named(
         return ()
     names = [baseline.names[k] for k in found.which]
     R = baseline.correlation[ALL][np.ix_(found.which, found.which)]
-    inverse = np.asarray(np.linalg.inv(R), dtype=float)
+    white = np.linalg.cholesky(np.linalg.inv(R)).T
     candidates = _candidates(names, found, periods or {}, baseline.limit_of)
     chosen: list[Named] = []
     taken = np.zeros((found.z.size, 0))
-    explained = 0.0
     while len(chosen) < MOST_CAUSES:
-        gains = [
-            _explained(inverse, found.z, np.column_stack([taken, c.columns])) - explained for c in candidates
-        ]
-        worth = np.array([g - PRICE * c.priced for g, c in zip(gains, candidates, strict=True)])
+        gains = _gains(white, found.z, taken, candidates)
+        worth = gains - PRICE * np.array([c.priced for c in candidates])
         worth[_only_symptoms(candidates, worth, bool(chosen), baseline.limit_of)] = -math.inf
         best = int(np.argmax(worth))
         if chosen and worth[best] < baseline.limit_of**2:
@@ -83,7 +81,6 @@ def named(
         rivals = tuple(dict.fromkeys(r for r in (*close, *c.rivals) if r != c.cause))
         chosen.append(Named(c.cause, c.equation, rows, rivals))
         taken = np.column_stack([taken, c.columns])
-        explained = _explained(inverse, found.z, taken)
     return _merged(chosen)
 
 
@@ -159,11 +156,28 @@ def meaning(name: str, periods: Mapping[str, float]) -> tuple[str, str, tuple[st
     return cause, kind.equation, tuple(r for r in every if r != cause)
 
 
-def _explained(inverse: Array, z: Array, columns: Array) -> float:
-    """Squared distance that the best combination of columns explains."""
-    weighted = columns.T @ inverse
-    size = np.linalg.lstsq(weighted @ columns, weighted @ z, rcond=1e-10)[0]
-    return float(size @ weighted @ z)
+def _gains(white: Array, z: Array, taken: Array, candidates: Sequence[Candidate]) -> Array:
+    """(c,) squared distance that the best combination of each candidate's columns explains beside those `taken`.
+
+    white (k, k): makes departures z (k,) independent.
+    """
+    Q = np.linalg.qr(white @ taken)[0]
+    left = white @ z
+    left = left - Q @ (Q.T @ left)
+    columns = white @ np.column_stack([c.columns for c in candidates])
+    beside = columns - Q @ (Q.T @ columns)
+    square, whole = np.sum(beside**2, axis=0), np.sum(columns**2, axis=0)
+    single = np.where(square > ALONG * whole, (beside.T @ left) ** 2 / np.maximum(square, 1e-300), 0.0)
+    ends = np.cumsum([c.columns.shape[1] for c in candidates])
+    found = np.empty(len(candidates))
+    for j, (c, end) in enumerate(zip(candidates, ends.tolist(), strict=True)):
+        many = c.columns.shape[1]
+        if many == 1:
+            found[j] = single[end - 1]
+        else:
+            block = beside[:, end - many : end]
+            found[j] = left @ block @ np.linalg.lstsq(block, left, rcond=ALONG)[0]
+    return found
 
 
 def ratio_words(value: float, before: float, std: float) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,23 @@ LEAST_SPAN = {
     "travel_centre_m": (0.0, 0.1), "travel_m": (0.0, 0.1),
 }  # fmt: skip
 SIGNED = ("load_n", "pitch_deg")  # may act by their size, too, as a friction that grows with the load does
+
+
+class Span(NamedTuple):
+    """One condition over the logs of a table: how many know it, its ends, mean and standard deviation, those of its size."""
+
+    known: int
+    low: float
+    high: float
+    mean: float
+    std: float
+    mean_size: float
+    std_size: float
+
+    @property
+    def largest(self) -> float:
+        """Its largest size."""
+        return max(-self.low, self.high, 0.0) if self.known else 0.0
 
 
 @dataclass(frozen=True)
@@ -43,9 +61,21 @@ class Table:
             self.variance[chosen], self.condition_names, self.conditions[chosen],
         )  # fmt: skip
 
+    @cached_property
+    def spans(self) -> tuple[Span, ...]:
+        """Of each condition, where these logs have it."""
+        return tuple(_span(c[np.isfinite(c)]) for c in self.conditions.T)
+
     def column(self, name: str) -> Array:
         """(n,) values of a quantity."""
         return self.value[:, self.names.index(name)]
+
+
+def _span(c: Array) -> Span:
+    if not c.size:
+        return Span(0, np.inf, -np.inf, np.nan, np.nan, np.nan, np.nan)
+    size = np.abs(c)
+    return Span(c.size, *(float(v) for v in (c.min(), c.max(), c.mean(), c.std(), size.mean(), size.std())))
 
 
 def periods_of(baseline: Sequence[Digest], rig: Rig) -> tuple[float, ...]:
@@ -105,27 +135,25 @@ def regressors(table: Table, reference: Table) -> tuple[tuple[str, ...], Array]:
     Each is centred and scaled by the reference logs, so that 1 is a departure as large as theirs, or as what can be seen.
     """
     names, columns = ["1"], [np.ones(len(table.paths))]
-    both = np.concatenate([table.conditions, reference.conditions])
     for k, name in enumerate(table.condition_names):
-        every = both[:, k]
-        if np.isfinite(every).sum() < 2:
+        mine, healthy = table.conditions[:, k], reference.spans[k]
+        known = mine[np.isfinite(mine)]
+        if known.size + healthy.known < 2:
             continue
         absolute, relative = LEAST_SPAN.get(name, (0.0, 0.05))
         floor = max(absolute, relative * _size(name, table, reference))
-        if float(np.nanmax(every) - np.nanmin(every)) <= floor:
+        low, high = min(healthy.low, *known.tolist()), max(healthy.high, *known.tolist())
+        if high - low <= floor:
             continue
-        c = np.where(np.isfinite(table.conditions[:, k]), table.conditions[:, k], float(np.nanmedian(every)))
-        kinds = (
-            {name: c, f"|{name}|": np.abs(c)}
-            if name in SIGNED and np.nanmin(every) < 0.0 < np.nanmax(every)
-            else {name: c}
-        )
-        for label, column in kinds.items():
-            healthy = reference.conditions[:, k] if label == name else np.abs(reference.conditions[:, k])
-            middle = float(np.nanmean(healthy))
-            scale = max(float(np.nanstd(healthy)), floor, 1e-12)
-            names.append(label)
-            columns.append((column - middle) / scale)
+        if known.size < mine.size:
+            mine = np.where(
+                np.isfinite(mine), mine, float(np.nanmedian([*mine, *reference.conditions[:, k]]))
+            )
+        columns.append((mine - healthy.mean) / max(healthy.std, floor, 1e-12))
+        names.append(name)
+        if name in SIGNED and low < 0.0 < high:
+            columns.append((np.abs(mine) - healthy.mean_size) / max(healthy.std_size, floor, 1e-12))
+            names.append(f"|{name}|")
     return tuple(names), np.column_stack(columns)
 
 
@@ -133,7 +161,8 @@ def _size(name: str, table: Table, reference: Table) -> float:
     """The largest of a condition; where along the travel counts against its length."""
     name = "travel_m" if name == "travel_centre_m" and "travel_m" in table.condition_names else name
     k = table.condition_names.index(name)
-    return float(np.nanmax(np.abs(np.concatenate([table.conditions[:, k], reference.conditions[:, k]]))))
+    mine = np.abs(table.conditions[:, k])
+    return max(reference.spans[k].largest, *mine[np.isfinite(mine)].tolist(), 0.0)
 
 
 def period_of(name: str) -> float:

@@ -37,6 +37,13 @@ def test_no_play_scatters_about_zero_as_little_as_its_reversal_tells():
     assert np.abs(found).max() < 4e-6  # the position has 10 um of noise
 
 
+@pytest.mark.parametrize("speed", [205.0, 410.0])
+def test_play_does_not_drag_the_travel_per_turn_along(speed):
+    for seed in range(109220, 109223):
+        tight, loose = (told(speed, 2.0, seed, width)[0]["D"] for width in (0.0, 8e-5))
+        assert loose == pytest.approx(tight, rel=1.5e-3)  # without play beside it D fell by 5e-3
+
+
 def test_a_lag_that_the_log_shows_is_no_play():
     rng = np.random.default_rng(109210)
     t = np.linspace(0.0, 2.0, 800)

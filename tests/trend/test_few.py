@@ -8,6 +8,7 @@ from trend_logs import NAMES, SCATTER, VALUE, life, moved, told
 
 from observer_fi.errors import UsageError
 from observer_fi.physics import load_rig
+from observer_fi.report.trend_page import NO_CHANGE_OF_FEW, page
 from observer_fi.trend import CHANGED, NOT_TESTED, UNCHANGED
 
 
@@ -37,6 +38,11 @@ def test_a_difference_beyond_the_noise_alone_is_told_but_no_change():
     t = told([before, shifted(before, "after.csv", A=0.05)])
     assert [j.verdict for j in t.logs] == [UNCHANGED, UNCHANGED] and t.findings == ()
     assert [d.name for d in t.compared[0].differences if d.differs] == ["A"]
+    shown = page(t, "two", [])
+    assert (
+        f"<h1>{NO_CHANGE_OF_FEW}</h1>" in shown
+    )  # "nothing has changed" would be an all-clear for what was not tested
+    assert "Beyond the noise of the logs differ friction +5" in shown
 
 
 def test_noise_alone_differs_in_one_of_a_thousand_pairs():
