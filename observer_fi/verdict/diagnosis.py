@@ -251,8 +251,10 @@ class Diagnosis:
         for event in events:
             if event.start_s in self.told:
                 continue
-            asked = self.last_word.needed(event)
-            told = self.last_word.on(event, self.memory) if asked else event
+            doubting = self.last_word.doubting(event, self.memory)
+            asked = self.last_word.needed(doubting)
+            told = self.last_word.on(doubting, self.memory) if asked else event
+            told = event if doubting is not event and told.label == NOMINAL and not told.alike else told
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
             told = self.with_room.on(told, self.memory, self.last_word.explained.get(event.start_s))
             if asked or told is not event:

@@ -83,16 +83,33 @@ def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
 
     strain_limit: standard deviations of the spread from rig to rig that are believable.
     """
-    recent = bank.recent
-    gone = not bank.snapshots or event.end_s < bank.snapshots[0][0]  # as of most moves of a long log
-    if event.label != NOMINAL or gone or recent is None:
+    known = _after_the_start(event, bank) if event.label == NOMINAL else None
+    if known is None:
         return event
+    memory, slope = known
+    return jammed_before(event, memory, bank.hypotheses[0], bank.rig, strain_limit, slope)
+
+
+def friction_in_spreads(event: Event, bank: Bank) -> float | None:
+    """How much higher than the rig file's friction and gravity are after the start of a move, in spreads from rig to rig."""
+    known, nominal = _after_the_start(event, bank), bank.hypotheses[0]
+    if known is None or "A" not in nominal.states or not bank.rig.spread("A"):
+        return None
+    return risen_drag(nominal, *known)[0] / _spread(nominal, known[1], bank.rig)
+
+
+def _after_the_start(event: Event, bank: Bank) -> tuple[HypothesisState, float] | None:
+    """What nominal knows once a start is over, and the pitch against the motion [deg]; None where it is no longer at hand."""
+    recent = bank.recent
+    if (
+        recent is None or not bank.snapshots or event.end_s < bank.snapshots[0][0]
+    ):  # as of most moves of a long log
+        return None
     known = [(t, state) for t, state in bank.snapshots if event.start_s + TIMES_S[1] < t <= event.end_s]
     if not known:
-        return event
+        return None
     k = min(int(np.searchsorted(recent.t, known[0][0])), recent.t.size - 1)
-    slope = float(np.sign(recent.w_cmd[k]) * recent.theta[k])
-    return jammed_before(event, known[0][1], bank.hypotheses[0], bank.rig, strain_limit, slope)
+    return known[0][1], float(np.sign(recent.w_cmd[k]) * recent.theta[k])
 
 
 def _shares(nominal: Hypothesis, slope: float) -> dict[str, float]:
@@ -115,6 +132,12 @@ def risen_drag(nominal: Hypothesis, memory: HypothesisState, slope: float) -> tu
     return float(c @ (memory.x[at] - 1.0)), float(np.sqrt(max(var, 0.0)))
 
 
+def _spread(nominal: Hypothesis, slope: float, rig: Rig) -> float:
+    """Spread from rig to rig of friction and gravity together, in units of the rig file's friction."""
+    shares = _shares(nominal, slope)
+    return float(np.hypot.reduce([rig.spread(name) * share for name, share in shares.items()]))
+
+
 def jammed_before(
     event: Event, memory: HypothesisState, nominal: Hypothesis, rig: Rig, strain_limit: float, slope: float
 ) -> Event:
@@ -125,8 +148,7 @@ def jammed_before(
     if "A" not in nominal.states or not rig.spread("A"):
         return event
     rise, std = risen_drag(nominal, memory, slope)
-    shares = _shares(nominal, slope)
-    spread = float(np.hypot.reduce([rig.spread(name) * share for name, share in shares.items()]))
+    spread = _spread(nominal, slope, rig)
     if rise < UNUSUAL * spread or std > spread:
         return event
     factor = 1.0 + rise

@@ -45,6 +45,13 @@ def until_off(electrical: Array, noise: Array, interval: float) -> int:
     return before if dropped and np.max(np.abs(level)) < OFFSETS else len(electrical)
 
 
+def may_be_off(electrical: Array, noise: Array) -> bool:
+    """Whether samples (n, 2) of voltage and current end with nothing in them, but for offsets: the drive may have been off."""
+    z = _filled(electrical / noise)[-OFF:]
+    level = np.median(z[:, np.isfinite(z[-1:]).all(axis=0)], axis=0)
+    return not level.size or bool(np.max(np.abs(level)) < OFFSETS)
+
+
 def _filled(z: Array) -> Array:
     """Rows with each channel's last known value where it has none."""
     rows = np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z))[:, None], 0), axis=0)

@@ -15,7 +15,8 @@ from observer_fi.logs import quarter_of_a_ring
 from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import STOP_S, SURE, jammed_before, mostly, or_else
+from observer_fi.verdict.drift import STOP_S, SURE, friction_in_spreads, jammed_before, mostly, or_else
+from observer_fi.verdict.drive_off import may_be_off
 from observer_fi.verdict.isolate import healthy
 from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
@@ -28,6 +29,11 @@ from observer_fi.verdict.onset import Filters
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0, 30.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
+FAR_AT_REST = 50.0  # as FAR, where the ring of the stop is over and the motor should stand
+RISEN, RISES_S = (
+    1.0,
+    0.1,
+)  # spreads from rig to rig by which friction is more than usual, and from a start on when it may have risen
 SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
 # Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
 # has 3.
@@ -44,6 +50,7 @@ class LastWord:
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
+        self.rise = 0.0  # of the friction in the moves so far, in spreads from rig to rig
         self.explained: dict[float, Explained] = {}  # moves, by their starts
         self.naming = Naming(rig, settings)
         self.pairs = Pairs(self.naming, settings)
@@ -61,6 +68,17 @@ class LastWord:
         if event.label == NOMINAL:
             return event.doubted_s is not None
         return in_doubt or event.channel == "position" or any(own.tells for own in FAULTS[event.label].sizes)
+
+    def doubting(self, event: Event, bank: Bank) -> Event:
+        """A healthy event, doubted in its start where more friction is found there than usual and than in the moves before.
+
+        What rises while nominal still learns its friction is the rig's to it.
+        """
+        rise = friction_in_spreads(event, bank)
+        if event.label != NOMINAL or event.doubted_s is not None or rise is None:
+            return event
+        before, self.rise = self.rise, max(self.rise, rise)
+        return event._replace(doubted_s=event.start_s + RISES_S) if rise > before + RISEN else event
 
     def on(self, event: Event, bank: Bank) -> Event:
         """The event as the whole move has it; as it is where the move is no longer at hand or says nothing else."""
@@ -142,12 +160,13 @@ class LastWord:
 
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
         """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""
-        if path.begin > whole.moving + 2 * LEFT:  # at rest a drive may be switched off
+        at_rest = path.begin > whole.moving + 2 * LEFT
+        if at_rest and may_be_off(whole.window.z[path.begin :, :2], self.rig.noise_std[:2]):
             return False
         last = whole.n if path.end is None else path.end
         elsewhere = np.concatenate((whole.nis[: path.begin], whole.nis[last:]))
         clean = elsewhere.size > 0 and float(elsewhere.mean()) <= FITS * whole.expected(whole.nominal)
-        return clean and path.gain >= FAR * self.settings.move_nats
+        return clean and path.gain >= (FAR_AT_REST if at_rest else FAR) * self.settings.move_nats
 
     def _settles(self, doubted: float, event: Event, whole: WholeMove) -> bool:
         """Whether the doubt was of the start, and nominal fits once the ring is over: it has taken up what was wrong."""

@@ -499,3 +499,23 @@ def test_a_servo_that_does_not_ring_is_asked_about_its_stop_too() -> None:
         rig = with_values(RIG, {"Ki": ki})
         step_s = LastWord(rig, Filters(rig, settings.bank), settings.decision).stop_step_s
         assert (0.0 < step_s < 0.1) if known else step_s == math.inf
+
+
+def test_a_coupling_that_gives_way_long_after_the_last_move_is_no_all_clear() -> None:
+    """The servo goes on to hold, so that no drive was switched off; what the motor held is gone."""
+    assert of(hidden.draw_severity_case(200006, "coupling_loss", "short"), 200006).label in (
+        "coupling_loss",
+        "unknown",
+    )
+
+
+@pytest.mark.parametrize("seed", [200011, 210019])
+def test_a_mass_that_follows_in_part_and_then_not_at_all_is_a_stop_or_a_nut_and_no_sensor(seed: int) -> None:
+    """A soft stop takes nine tenths of the travel before its coupling gives way: one slip that grows follows both."""
+    v = of(hidden.draw_placed_case(seed, "stop_then_loss"), seed)
+    assert "overload" in (v.label, *v.alike) and "sensor_fault" not in (v.label, *v.alike)
+
+
+def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> None:
+    v = of(hidden.draw_placed_case(210005, "in_a_start"), 210005)
+    assert "jam" in (v.label, *v.alike)

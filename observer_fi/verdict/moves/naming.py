@@ -26,7 +26,7 @@ from observer_fi.verdict.moves.stories import (
     special_case,
     takes_up_any_load,
 )
-from observer_fi.verdict.moves.whole_move import HOPELESS, SETTLED_S, WELL, Path, WholeMove
+from observer_fi.verdict.moves.whole_move import HOPELESS, SETTLED_S, STRIDE, WELL, Path, WholeMove
 
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
@@ -34,6 +34,7 @@ PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 FITS = 1.3
 CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
 FAR = 200.0  # times the nats of another fault, that one must have for which no motion speaks before it
+FOLLOWED = 4.0  # standard deviations from all of its travel that a mass still follows in part
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
 STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the stop, of which the bank takes no evidence
@@ -72,6 +73,8 @@ class Naming:
         best, t = stories[0], whole.window.t
         path, label = best.path, label_of(best.mode)
         posterior = posterior_of(event, stories)
+        if best.mode == "slip" and _gives_way(path, whole):
+            posterior = dict.fromkeys(posterior, 0.0) | dict.fromkeys(("slip", "overload"), 0.5)
         sizes = path.hypothesis.own if path.hypothesis.label == label else FAULTS[label].sizes
         tells = [own for own in sizes if own.tells and own.name in path.hypothesis.states]
         told = event._replace(
@@ -159,7 +162,7 @@ class Naming:
         lost, std = constant(path, held["E"])
         if "C" in held and "torque" not in held and self._believable(path, held["E"], whole):
             yield Story("slip", path.gain + special_case(path, held["C"], 0.0), path)
-        if abs(lost - 1.0) < BELIEVABLE * std:
+        if abs(lost - 1.0) < BELIEVABLE * std and not _gives_way(path, whole):
             yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
         elif lost < -BELIEVABLE * std:
             yield Story("sensor:position", path.gain, path)
@@ -311,6 +314,22 @@ def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:
         return False
     begin, end = whole.window.t[path.begin], whole.window.t[path.end]
     return bool(end < start_s + SETTLED_S or end - begin < PASSES_S)
+
+
+def _gives_way(path: Path, whole: WholeMove) -> bool:
+    """Whether a mass that in the end has lost all its travel followed in part before, as no reading that stands does.
+
+    A nut that slips ever more does so, and a soft stop behind which the coupling lets go.
+    """
+    own = next((own for own in path.hypothesis.own if own.name == "E"), None)
+    if own is None or abs(constant(path, own)[0] - 1.0) > BELIEVABLE * constant(path, own)[1]:
+        return False
+    h, last = path.hypothesis, whole.n if path.end is None else path.end
+    memories, _ = whole.followed(h, whole.entered(path), path.begin)
+    look = max(whole.looks[1] // STRIDE, 1)  # until it has found the share, and over which a chance ends
+    seen = [constant(path._replace(memory=m), own) for m in memories[look : (last - path.begin) // STRIDE]]
+    off = np.array([(1.0 - share) / std for share, std in seen if std > 0.0])
+    return off.size >= look and float(np.convolve(off, np.ones(look) / look, "valid").max()) > FOLLOWED
 
 
 def _why(best: Story, whole: WholeMove) -> str:
