@@ -18,10 +18,11 @@ import numpy as np
 import pandas as pd
 
 from observer_fi.logs import log_from_frame
-from observer_fi.physics import load_rig
-from observer_fi.records import Event
+from observer_fi.physics import NOMINAL, load_rig
+from observer_fi.records import Event, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.diagnosis import Diagnosis
 from pipelines.diagnose_study import markdown
 from pipelines.study_output import write_study
 
@@ -29,6 +30,7 @@ FIRST_SEED = 80_000
 CLEAR_NATS = 30.0  # over a move: less than this may be called healthy
 CONFIDENT = 0.95
 BEGIN_S = 0.02
+ABOUT_S = 0.1, 0.3  # before and after its begin, in which the bank's own filter of a fault may begin
 SPREAD = {"A": 0.1, "B": 0.1}  # of what a healthy move feels, from rig to rig (the paper's, section 3)
 KINDS = (*hidden.SEVERITY_KINDS, *hidden.PLACED_KINDS)
 # What a fault that grows or goes is called, and how its size is read off the truth.
@@ -69,7 +71,26 @@ def judged(job: Job) -> dict[str, Any]:
         "begin_ms": None if verdict.onset_s is None or not named else 1e3 * since_begin(verdict.onset_s, spec),
         "lasts": spec.fault.duration_s if np.isfinite(spec.fault.duration_s) else None,
         "end_ms": 1e3 * since_end(verdict.over_s, spec) if named else None,
+        "gained": gained(log_from_frame(frame), spec) if verdict.label == NOMINAL and spec.fault.onset_s is not None else None,
     }  # fmt: skip
+
+
+def gained(log: Log, spec: hidden.TruthSpec) -> float:
+    """Nats by which the bank's own filters of the true fault, begun about when it did, beat nominal over a move."""
+    rig, begun = load_rig(), float(spec.fault.onset_s or 0.0)
+    run = Diagnosis(rig, Settings())
+    run.add(log)
+    found = run.outcome("move", {}).isolation
+    best = -math.inf
+    for event in found.events if found else ():
+        whole = run.last_word.move(event, run.memory, run.last_word.stop_s)
+        if whole is not None:
+            first, last = np.searchsorted(whole.window.t, (begun - ABOUT_S[0], begun + ABOUT_S[1]))
+            same = (
+                p.gain for p in whole.paths(int(first), int(last)) if p.hypothesis.label == spec.fault.label
+            )
+            best = max(best, *same, -math.inf)
+    return best
 
 
 class Second(NamedTuple):
@@ -282,11 +303,14 @@ def _in_all(faults: pd.DataFrame, lost: pd.DataFrame) -> tuple[str, ...]:
     wrong = ~every["right"] & (every["probability"] > CONFIDENT)
     fault = wrong & ~every["said"].isin(["nominal", "unknown"])
     missed = ~every["right"] & (every["said"] == "nominal") & (every["nats"] >= CLEAR_NATS)
+    told = missed & (every["gained"].astype(float) >= CLEAR_NATS)
     inside, sizes = int(faults["inside"].sum()), int(faults["sizes"].sum())
     of_a_rig = every[(every["nats"] < CLEAR_NATS) & (every["known"] >= CLEAR_NATS)]
     return (
         f"In all {len(every)} moves with a fault, {int((every['nats'] >= CLEAR_NATS).sum())} of them clear: confident and wrong "
-        f"{int(fault.sum())}, clear ones called nominal {int(missed.sum())}.",
+        f"{int(fault.sum())}, clear ones called nominal {int(missed.sum())}; in {int(told.sum())} of these the bank's own filter",
+        f"of the true fault beats nominal by {CLEAR_NATS:g} nats. What is clear is told with every constant of the rig but A and B",
+        "known; the bank has doubts.",
         f"Further {len(of_a_rig)} are as far only from the same rig: "
         f"{int(of_a_rig['right'].sum())} right, {int((of_a_rig['said'] == 'nominal').sum())} nominal.",
         f"Sizes in their 95 % interval: {inside} of {sizes} ({100.0 * inside / max(sizes, 1):.1f} %).",

@@ -97,7 +97,7 @@ class LastWord:
 
     def _asked(self, event: Event, bank: Bank, doubted: float, rest_s: float) -> Event:
         """The event as the move has it with so much of the stop and the rest after it."""
-        whole = self._move(event, bank, rest_s)
+        whole = self.move(event, bank, rest_s)
         if whole is None:
             return event
         paths, stories = self._near(doubted, event, whole)
@@ -222,7 +222,7 @@ class LastWord:
         best = max((story.gain for story in stories), default=-math.inf)
         return later, found if any(story.gain >= best for story in found) else stories
 
-    def _move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
+    def move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
         """The move from a rest before it to its last sample under way, or so long into the rest after it."""
         found = window_of(event, bank, rest_s)
         if found is not None and rest_s and float(np.median(np.diff(found[0].t))) > self.stop_step_s:

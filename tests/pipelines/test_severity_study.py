@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from observer_fi.logs import log_from_frame
 from pipelines import severity_study
-from pipelines.severity_study import SPREAD, Job, drawn, since_begin, since_end, worth
+from pipelines.severity_study import SPREAD, Job, drawn, gained, since_begin, since_end, worth
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -75,3 +76,13 @@ def test_the_recipe_writes_a_row_a_move_and_its_table(tmp_path: Path) -> None:
     assert severity_study.main([*given, "--rows", str(rows), "--out", str(out)]) == 0
     assert pd.read_csv(rows)["kind"].tolist() == ["jam"]
     assert "| jam | 1 | 1 | 100% |" in out.read_text()
+
+
+@pytest.mark.parametrize(("kind", "seed", "much"), [("jam", 210001, True), ("in_a_start", 210010, False)])
+def test_what_the_filters_of_the_bank_gain_by_the_true_fault(kind: str, seed: int, much: bool) -> None:
+    """In a start they still learn the friction that rises, which truths that know every constant tell apart."""
+    spec = drawn(Job(kind, seed))
+    log = log_from_frame(hidden.make_log(spec, seed)[0])
+    assert (gained(log, spec) >= severity_study.CLEAR_NATS) is much and worth(
+        spec, SPREAD
+    ) > severity_study.CLEAR_NATS
