@@ -309,8 +309,8 @@ def _in_all(faults: pd.DataFrame, lost: pd.DataFrame) -> tuple[str, ...]:
     return (
         f"In all {len(every)} moves with a fault, {int((every['nats'] >= CLEAR_NATS).sum())} of them clear: confident and wrong "
         f"{int(fault.sum())}, clear ones called nominal {int(missed.sum())}; in {int(told.sum())} of these the bank's own filter",
-        f"of the true fault beats nominal by {CLEAR_NATS:g} nats. What is clear is told with every constant of the rig but A and B",
-        "known; the bank has doubts.",
+        f"of the true fault beats nominal by {CLEAR_NATS:g} nats. What is clear is told with every constant of the rig but A and",
+        "B known; the bank has doubts.",
         f"Further {len(of_a_rig)} are as far only from the same rig: "
         f"{int(of_a_rig['right'].sum())} right, {int((of_a_rig['said'] == 'nominal').sum())} nominal.",
         f"Sizes in their 95 % interval: {inside} of {sizes} ({100.0 * inside / max(sizes, 1):.1f} %).",
