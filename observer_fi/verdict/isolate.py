@@ -483,10 +483,14 @@ def log_verdict(events: list[Event]) -> Event:
     return not_tested(NO_MOVE)
 
 
+# Why a move whose rest no hypothesis explains is unknown.
+OF_THE_REST = ("something happened in the rest after the move that no hypothesis explains",)
+
+
 def handed_on(events: list[Event]) -> list[Event]:
     """Verdicts of moves in order, where a fault of the rest between two moves is told of the second one only.
 
-    A rest alone makes a failed sensor of it; the move behind it, faulty from its start on, says what it is.
+    A rest alone makes a failed sensor of it, or something unknown; the move behind it, faulty from its start on, says what it is.
     """
     out = list(events)
     for k, (event, after) in enumerate(pairwise(events)):
@@ -498,8 +502,8 @@ def handed_on(events: list[Event]) -> list[Event]:
 
 
 def shown_by_rest(event: Event) -> bool:
-    """Whether only the rest after a move made a failed sensor of it."""
-    return event.channel is not None and event.detected_s is None
+    """Whether only the rest after a move made a failed sensor of it, or a fault without a name."""
+    return (event.channel is not None and event.detected_s is None) or event.reasons == OF_THE_REST
 
 
 def healthy(event: Event) -> Event:

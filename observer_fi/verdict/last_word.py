@@ -17,7 +17,7 @@ from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import STOP_S, SURE, friction_in_spreads, jammed_before, mostly, or_else
 from observer_fi.verdict.drive_off import may_be_off
-from observer_fi.verdict.isolate import healthy
+from observer_fi.verdict.isolate import OF_THE_REST, healthy
 from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
 from observer_fi.verdict.moves.second_fault import first_misfit
@@ -160,7 +160,7 @@ class LastWord:
 
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
         """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""
-        at_rest = path.begin > whole.moving + 2 * LEFT
+        at_rest = _begins_at_rest(path, whole)
         if at_rest and may_be_off(whole.window.z[path.begin :, :2], self.rig.noise_std[:2]):
             return False
         last = whole.n if path.end is None else path.end
@@ -271,12 +271,17 @@ def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -
     return abs(drift[0] - expected) < 0.5 * abs(expected)
 
 
+def _begins_at_rest(path: Path, whole: WholeMove) -> bool:
+    """Whether a path begins in the rest after the move, and not while the motor stops."""
+    return path.begin > whole.moving + 2 * LEFT
+
+
 def _unexplained(event: Event, path: Path, whole: WholeMove) -> Event:
     """The event where something came that none of the hypotheses explains."""
-    t = whole.window.t
+    t, at_rest = whole.window.t, _begins_at_rest(path, whole)
     return event._replace(
         label=UNKNOWN, channel=None, probability=SURE, posterior=mostly(UNKNOWN, event),
         onset_s=float(t[max(path.begin - 1, 0)]), onset_interval_s=(float(t[max(path.first - 1, 0)]), float(t[path.last])),
         over_s=None if path.end is None or whole.lasts(path) else float(t[path.end]), detected_s=event.doubted_s, isolated_s=None,
-        reasons=("something happened in the move that no hypothesis explains",),
+        reasons=OF_THE_REST if at_rest else ("something happened in the move that no hypothesis explains",),
     )  # fmt: skip

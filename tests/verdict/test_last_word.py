@@ -519,3 +519,8 @@ def test_a_mass_that_follows_in_part_and_then_not_at_all_is_a_stop_or_a_nut_and_
 def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> None:
     v = of(hidden.draw_placed_case(210005, "in_a_start"), 210005)
     assert "jam" in (v.label, *v.alike)
+
+
+@pytest.mark.parametrize("seed", [210024, 215001])
+def test_what_happens_in_a_rest_has_the_name_that_the_next_move_gives_it(seed: int) -> None:
+    assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == "coupling_loss"
