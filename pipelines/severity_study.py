@@ -21,8 +21,7 @@ from observer_fi.logs import log_from_frame
 from observer_fi.physics import NOMINAL, load_rig
 from observer_fi.records import Event, Log
 from observer_fi.settings import Settings
-from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.diagnosis import Diagnosis
+from observer_fi.verdict import Diagnosis, diagnose_log
 from pipelines.diagnose_study import markdown
 from pipelines.study_output import write_study
 

@@ -2,7 +2,7 @@
 
 from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
-from observer_fi.verdict.diagnosis import diagnose, diagnose_log, make_bank
+from observer_fi.verdict.diagnosis import Diagnosis, diagnose, diagnose_log, make_bank
 from observer_fi.verdict.isolate import SETTLING, EventTracker, Isolator, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import LEARNABLE, AsLogged
@@ -15,6 +15,7 @@ __all__ = [
     "LEARNABLE",
     "SETTLING",
     "AsLogged",
+    "Diagnosis",
     "EventTracker",
     "Filters",
     "Isolator",
