@@ -59,7 +59,7 @@ Set = tuple[tuple[str, ...], tuple[str, ...], Array, Array]
 
 def series_of(log: Log, rig: Rig) -> Series | str:
     """The log on an even clock, or why nothing can be told from it."""
-    driving, constant = (log.z[:, 1], rig.model["Km"]) if rig.driven.motor else (log.force, rig.model["D"])
+    driving, constant = driving_of(log, rig)
     if driving is None or not (np.isfinite(driving).any() and np.isfinite(log.z[:, 2]).any()):
         return f"no {'current' if rig.driven.motor else 'force'} or no position was measured"
     factor = max(int(log.rate_hz / RATE_HZ), 1)
@@ -98,6 +98,11 @@ def series_of(log: Log, rig: Rig) -> Series | str:
         unsigned,
         typical,
     )
+
+
+def driving_of(log: Log, rig: Rig) -> tuple[Array | None, float]:
+    """What drives the mass, current (n,) [A] or force (n,) [N] as the rig has it, and its torque on the motor per unit [N m]."""
+    return (log.z[:, 1], rig.model["Km"]) if rig.driven.motor else (log.force, rig.model["D"])
 
 
 def _channels(log: Log) -> tuple[Array, ...]:

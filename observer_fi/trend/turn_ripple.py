@@ -7,7 +7,16 @@ import numpy as np
 from observer_fi.numerics import filled
 from observer_fi.physics import Rig
 from observer_fi.records import Array, Log
-from observer_fi.trend.travel import WAYS, Series, Set, averaged, even_clock, regression, steady_friction
+from observer_fi.trend.travel import (
+    WAYS,
+    Series,
+    Set,
+    averaged,
+    driving_of,
+    even_clock,
+    regression,
+    steady_friction,
+)
 
 PER_TURN = 6.0  # samples of a turn from which its ripple is told
 TURNS = 3.0  # longer than that is no ripple of a turn: friction, and what a smoothed acceleration leaves
@@ -15,7 +24,10 @@ CHOSEN = "chosen"  # method of a travel per turn that nobody gave
 
 
 def of_turn(log: Log, s: Series, rig: Rig) -> list[Set]:
-    """Sine and cosine at the travel's zero by direction, where the log has samples enough and `s` has not."""
+    """Sine and cosine at the travel's zero by direction, where the log has samples enough and `s` has not.
+
+    Torques [N m] as (names, units, values (k,), covariance (k, k)); nothing where the travel per turn was not given.
+    """
     from scipy.ndimage import uniform_filter1d  # imported late: for logs that are new
 
     turn = 2.0 * math.pi * rig.model["D"]
@@ -35,7 +47,7 @@ def of_turn(log: Log, s: Series, rig: Rig) -> list[Set]:
     fast = np.column_stack([c - uniform_filter1d(c, window) for c in (left, *columns.T)])
     # A corner of the command kicks for a while: how far the residual scatters there is how little it tells.
     loud = np.sqrt(uniform_filter1d(fast[:, 0] ** 2, window))
-    fast /= np.maximum(loud, 1e-3 * float(loud.max()))[:, None]
+    fast /= np.maximum(loud, max(1e-3 * float(loud.max()), 1e-300))[:, None]
     theta, covariance, _ = regression(fast[:, 1:], fast[:, 0])
     return [(names, ("N m",) * len(names), theta, covariance)]
 
@@ -54,7 +66,7 @@ def _columns(x: Array, moving: Array, turn: float) -> tuple[tuple[str, ...], Arr
 def _finer(log: Log, s: Series, rig: Rig, factor: int) -> Series:
     """The series on a clock of `factor` of the log's samples; how it moves is that of the coarser one."""
     t = even_clock(log)
-    driving, constant = (log.z[:, 1], rig.model["Km"]) if rig.driven.motor else (log.force, rig.model["D"])
+    driving, constant = driving_of(log, rig)
     assert driving is not None  # the coarser series has it
     i, x = (averaged(np.interp(t, log.t, filled(c)), factor) for c in (driving, log.z[:, 2]))
     t = averaged(t, factor)

@@ -30,10 +30,8 @@ BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0, 30.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
 AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
 FAR_AT_REST = 120.0  # as FAR, where the motor should stand: in three healthy stops every fault gained 47 to 65 times as much
-RISEN, RISES_S = (
-    1.0,
-    0.1,
-)  # spreads from rig to rig by which friction is more than usual, and from a start on when it may have risen
+RISEN = 1.0  # spreads from rig to rig by which friction is more than usual, and than in the moves before
+RISES_S = 0.1  # from a start on, when it may have risen
 SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
 # Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
 # has 3.
