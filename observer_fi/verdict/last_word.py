@@ -135,15 +135,15 @@ class LastWord:
         return self._or_health(event, paths) if event.label != UNKNOWN and not counted and fits else event
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
-        """Health instead of a fault that the bank is sure of and the whole move is not; both where its start likes the fault.
+        """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.
 
-        What is entered in a start gains by beginning anew, but no fault by so much as chance may in 240 healthy starts.
+        What is entered in a start gains by beginning anew, but in 240 healthy ones none of these faults gained anything.
         """
         gain = max((path.gain for path in paths if path.hypothesis.label == event.label), default=-math.inf)
-        if gain < self.settings.move_nats:
+        if gain <= 0.0:
             return healthy(event)
-        words = FAULTS[event.label].words
-        return or_else(healthy(event), event.label, f"{words} in the start of the move looks like health after it")
+        words = FAULTS[event.label].words.format(channel=event.channel)
+        return or_else(healthy(event), event.label, f"of {words} and health this move does not tell which")
 
     def _or_a_little(self, event: Event, paths: Sequence[Path], whole: WholeMove) -> Event:
         """Health, or else the fault that explains it better by less than chance may where a begin is sought in every doubt."""

@@ -219,6 +219,18 @@ def test_starting_up_imports_nothing_heavy() -> None:
     assert ran.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize(("own", "level"), [(None, "1"), ("3", "3")])
+def test_kernels_compile_quickly_unless_the_environment_says_otherwise(
+    own: str | None, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NUMBA_OPT", raising=False)
+    if own:
+        monkeypatch.setenv("NUMBA_OPT", own)
+    code = "from observer_fi.cli import main; main(['diagnose', 'none.csv']); import numba; print(int(numba.config.OPT))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert ran.stdout.split() == [level]
+
+
 def test_a_bug_is_exit_1(tmp_path: Path) -> None:
     broken = "c.COMMANDS['compare'] = c.COMMANDS['compare']._replace(run=lambda a: 1 / 0)"
     code = f"import sys, observer_fi.cli.commands as c; {broken}"

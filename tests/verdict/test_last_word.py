@@ -524,3 +524,11 @@ def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> 
 @pytest.mark.parametrize("seed", [210024, 215001])
 def test_what_happens_in_a_rest_has_the_name_that_the_next_move_gives_it(seed: int) -> None:
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == "coupling_loss"
+
+
+def test_of_a_lost_coupling_and_a_frozen_position_a_few_nats_of_many_do_not_decide_against_the_bank() -> None:
+    """Behind a baseline that wanders the whole move likes the sensor by 7 nats of 560 000, and the bank the coupling."""
+    frame, _ = hidden.make_log_with("wandering", hidden.draw_move_case(255002, "coupling_loss"), 255002)
+    isolation = diagnose_log(log_from_frame(frame), RIG, Settings()).isolation
+    assert isolation is not None
+    assert "coupling_loss" in (isolation.verdict.label, *isolation.verdict.alike)

@@ -80,7 +80,7 @@ class Naming:
         told = event._replace(
             label=label, channel=channel_of(best.mode), probability=posterior[label], posterior=posterior,
             over_s=None if path.end is None or whole.lasts(path) else float(t[path.end]),
-            alike=tuple(k for k, p in posterior.items() if k != label and p > self._least({label, k}, best.mode)),
+            alike=tuple(k for k, p in posterior.items() if k != label and p > self._least({label, k}, best.mode, event)),
             severity=tuple(self._severity(path, own, whole) for own in tells),
         )  # fmt: skip
         begin, first = float(t[max(path.begin - 1, 0)]), float(t[max(path.first - 1, 0)])
@@ -224,13 +224,17 @@ class Naming:
         usual, doubt = whole.drag(path.begin)
         return friction - usual < max(self.settings.strain_limit * doubt, COMES_AND_GOES)
 
-    def _least(self, labels: set[str], mode: str) -> float:
+    def _least(self, labels: set[str], mode: str, event: Event) -> float:
         """Probability from which one label is as good as another: of a lost coupling and a frozen position a small one.
 
-        Only what the motor feels without the mass tells those two apart, and that may be what it felt with it.
+        Only what the motor feels without the mass tells those two apart, and that may be what it felt with it. Where the bank
+        is sure of the other, as many nats decide as speak against health.
         """
         blind = labels == {"coupling_loss", "sensor_fault"} and channel_of(mode) in (None, "position")
-        return min(BLIND, self.settings.alike) if blind else self.settings.alike
+        if not blind:
+            return self.settings.alike
+        against = event.label in labels and event.label != label_of(mode)
+        return min(math.exp(-self.settings.move_nats) if against else BLIND, self.settings.alike)
 
     def _severity(self, path: Path, own: OwnState, whole: WholeMove) -> Severity:
         value, std = constant(path, next(state for state in path.hypothesis.own if state.name == own.name))
