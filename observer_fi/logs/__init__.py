@@ -10,6 +10,7 @@ from observer_fi.logs.acquisition import (
     channel_traits,
     clock_of,
     rests_for_noise,
+    stuck_from,
     with_logger,
     without_spikes,
 )
@@ -72,6 +73,7 @@ __all__ = [
     "channel_traits",
     "clock_of",
     "rests_for_noise",
+    "stuck_from",
     "even",
     "ABSENT",
     "position_speed",

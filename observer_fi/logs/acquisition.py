@@ -52,6 +52,10 @@ BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the larges
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
+STUCK, STUCK_FOR = (
+    50,
+    20,
+)  # samples that a sensor that got stuck repeats itself; times as long as it ever did while it worked
 
 
 def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
@@ -136,8 +140,23 @@ def _off_level(y: Array) -> Mask:
     return np.asarray(np.abs(medians) > DRIVEN * usual, dtype=np.bool_)
 
 
+def stuck_from(z: Array) -> int | None:
+    """The sample from which readings z (n,) stay the same to the last digit until they end, for far longer than they ever did."""
+    there = np.flatnonzero(np.isfinite(z))
+    changes = np.flatnonzero(np.diff(z[there]))
+    if not changes.size:
+        return None
+    first = int(changes[-1]) + 1
+    run, longest = there.size - first, int(np.diff(changes, prepend=-1).max())
+    return int(there[first]) if run >= STUCK and run > STUCK_FOR * longest else None
+
+
 def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usual: float) -> ChannelTraits:
-    """The traits of one channel: z (n,) its readings, usual: its noise in the rig file."""
+    """The traits of one channel: z (n,) its readings, of which those of a sensor that got stuck tell nothing; usual: its noise in
+    the rig file.
+    """
+    stuck = stuck_from(z)
+    z = z if stuck is None else np.where(np.arange(z.size) < stuck, z, np.nan)
     there = np.isfinite(z)
     if int(there.sum()) < FEWEST:
         return ChannelTraits(math.nan, math.nan)
@@ -157,20 +176,21 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
         update_hz=held and 1.0 / (held * interval), spikes=0 if held else spikes_of(z, w_cmd, noise).size
     )
     traits = traits._replace(travel=float(np.nanmax(z) - np.nanmin(z)) if (w_cmd != 0.0).any() else math.inf)
-    if not rests:
-        return traits
-    first = z[rests[0]]
-    repeats = 0.0 if held else float(np.mean(np.diff(first) == 0.0))
-    return traits._replace(
-        offset=float(np.nanmean(first)) if np.isfinite(first).any() else 0.0, repeats=repeats
-    )
+    if held or not rests:
+        traits = traits._replace(repeats=0.0 if held else traits.repeats)
+    else:
+        traits = traits._replace(repeats=float(np.mean(np.diff(z[rests[0]]) == 0.0)))
+    known = bool(rests) and bool(np.isfinite(z[rests[0]]).any())
+    return traits._replace(offset=float(np.nanmean(z[rests[0]])) if known else 0.0)
 
 
 def _in_motion(z: Array, step: float | None, usual: float) -> ChannelTraits:
-    """Of a channel without a rest: its white noise, and the step of its readings."""
+    """Of a channel without a rest: its white noise, the step of its readings, and how often that noise would repeat one."""
     white = _white(z)
     coarse = step if step and step > COARSE * max(white, usual) else None
-    return ChannelTraits(white, math.hypot(max(white, usual), (coarse or 0.0) / math.sqrt(12.0)), coarse)
+    repeats = min(step / (2.0 * math.sqrt(math.pi) * white), 1.0) if step and white > 0.0 else 0.0
+    as_white = math.hypot(max(white, usual), (coarse or 0.0) / math.sqrt(12.0))
+    return ChannelTraits(white, as_white, coarse, repeats=repeats)
 
 
 def _at_rest(

@@ -45,11 +45,12 @@ from observer_fi.verdict.isolate import (
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.moves.naming import FAR
-from observer_fi.verdict.moves.unloaded import without_voltage
+from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
+from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import Testable, untested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
@@ -256,6 +257,7 @@ class Diagnosis:
             told = self.last_word.on(doubting, self.memory) if asked else event
             told = event if doubting is not event and told.label == NOMINAL and not told.alike else told
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
+            told = or_frozen(of_a_stuck_sensor(told, self.memory, self.logged), self.memory)
             told = self.with_room.on(told, self.memory, self.last_word.explained.get(event.start_s))
             if asked or told is not event:
                 self.told[event.start_s] = told

@@ -12,7 +12,7 @@ import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, of_a_move, other_laws
 from observer_fi.logs import quarter_of_a_ring
-from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig
+from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig, channel_of
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import STOP_S, SURE, friction_in_spreads, jammed_before, mostly, or_else
@@ -22,6 +22,7 @@ from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
 from observer_fi.verdict.moves.second_fault import first_misfit
 from observer_fi.verdict.moves.stories import Story, constant, in_order
+from observer_fi.verdict.moves.unloaded import slope_of
 from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
@@ -32,6 +33,12 @@ AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard de
 FAR_AT_REST = 120.0  # as FAR, where the motor should stand: in three healthy stops every fault gained 47 to 65 times as much
 RISEN = 1.0  # spreads from rig to rig by which friction is more than usual, and than in the moves before
 RISES_S = 0.1  # from a start on, when it may have risen
+ELECTRICAL = ("voltage", "current")
+MISREAD = "sensor:voltage"
+AROUND_S, KEEPS = (
+    (0.1, 0.5),
+    0.25,
+)  # about an onset: where speeds are steady; of what a slip should have taken of one
 SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
 # Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
 # has 3.
@@ -56,7 +63,7 @@ class LastWord:
     def needed(self, event: Event) -> bool:
         """Whether the bank left the move without a name, doubted a healthy one for a moment, or named a fault that has a size.
 
-        A position that lies may be a nut that slips, of which the bank knows nothing.
+        A position that lies may be a nut that slips, of which the bank knows nothing; any sensor, a bank at a loss.
 
         In a log of many such moves the first ones are asked: the others cost as much again and say the same.
         """
@@ -65,7 +72,7 @@ class LastWord:
             return False
         if event.label == NOMINAL:
             return event.doubted_s is not None
-        return in_doubt or event.channel == "position" or any(own.tells for own in FAULTS[event.label].sizes)
+        return in_doubt or event.channel is not None or any(own.tells for own in FAULTS[event.label].sizes)
 
     def doubting(self, event: Event, bank: Bank) -> Event:
         """A healthy event, doubted in its start where more friction is found there than usual and than in the moves before.
@@ -99,6 +106,8 @@ class LastWord:
         if whole is None:
             return event
         paths, stories = self._near(doubted, event, whole)
+        if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, whole)):
+            return event
         named = any(story.mode != UNKNOWN for story in stories)
         begun = doubted < whole.window.t[0]
         if not named and (begun or any(self.naming.counts(path, whole, event) for path in paths)):
@@ -108,7 +117,12 @@ class LastWord:
             stopped = self._of_the_stop(whole)
             paths, stories = [*paths, *stopped], self.naming.told_by(stopped, whole, event)
         stories = in_order(list(self._of_sensor_or_nut(stories, whole, bank, event)))
-        two = self.pairs.of(paths, stories, event, whole)
+        misread = (
+            bool(stories)
+            and stories[0].mode == MISREAD
+            and stories[0].path.hypothesis.label != "sensor_fault"
+        )
+        two = None if misread else self.pairs.of(paths, stories, event, whole)
         if two is not None:
             self.explained[event.start_s] = two.explained
             return two.event
@@ -188,14 +202,18 @@ class LastWord:
     ) -> Iterator[Story]:
         """Stories with those of a slip decided by the rest after the move: a nut stands there, a sensor that drifts goes on.
 
-        At one speed the two look alike; without a rest both are told.
+        At one speed the two look alike; without a rest both are told. A slip that leaves the mass as fast as it was is a motor
+        that only reads faster.
         """
         drift = _drift_at_rest(bank, event.end_s, whole)
         for story in stories:
-            if story.mode != "slip" or not whole.lasts(story.path):
+            lost = _lost(story.path) if story.mode == "slip" else 0.0
+            if lost and _keeps_pace(story.path, lost, event.start_s, whole):
+                yield story._replace(mode=MISREAD)
+                continue
+            if not lost or not whole.lasts(story.path):
                 yield story
                 continue
-            lost = constant(story.path, next(own for own in story.path.hypothesis.own if own.name == "E"))[0]
             slips = (
                 -lost * self.rig.model["D"] * float(whole.window.w_cmd[whole.moving - 1])
             )  # m/s that a sensor would have to drift
@@ -245,6 +263,12 @@ class LastWord:
         return _from_where_it_is_known(whole) if at_once else whole
 
 
+def _fits_as(event: Event, paths: Sequence[Path], whole: WholeMove) -> bool:
+    """Whether a path of the event's own label and channel describes the move."""
+    own = (path for path in paths if channel_of(path.hypothesis.name) == event.channel)
+    return any(path.nis <= FITS * whole.expected(path.hypothesis) for path in own)
+
+
 def _from_where_it_is_known(whole: WholeMove) -> WholeMove:
     """The move without the first samples of a log that begins in a start, of which no reading tells how far the servo was."""
     first = round(SETTLED_S / whole.interval) // STRIDE * STRIDE
@@ -271,6 +295,31 @@ def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, f
         return None
     off = t - t.mean()
     return float(off @ x / (off @ off)), float(1.0 / math.sqrt(off @ off))
+
+
+def _lost(path: Path) -> float:
+    """The share of its travel that a mass loses on a path with such a state."""
+    return constant(path, next(own for own in path.hypothesis.own if own.name == "E"))[0]
+
+
+def _keeps_pace(path: Path, lost: float, start_s: float, whole: WholeMove) -> bool:
+    """Whether a mass goes on as fast as before a fault that should have lost it a share of its travel, and a voltage says so.
+
+    At a steady speed: start_s is when the move began.
+    """
+    window = whole.window
+    since = window.t - window.t[path.begin]
+    earlier = (
+        (since > -AROUND_S[1]) & (since < -AROUND_S[0]) & (window.t > start_s + SETTLED_S) & window.active
+    )
+    later = (since > AROUND_S[0]) & (since < AROUND_S[1]) & window.active
+    if not earlier.any() or not later.any() or not np.isfinite(window.z[later, 0]).any():
+        return False
+    asked = float(window.w_cmd[earlier].mean()), float(window.w_cmd[later].mean())
+    moved = slope_of(window.t[earlier], window.z[earlier, 2]), slope_of(window.t[later], window.z[later, 2])
+    if moved[0] is None or moved[1] is None:
+        return False
+    return all(abs(b - a) < KEEPS * abs(lost * a) for a, b in (asked, (moved[0], moved[1])))
 
 
 def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:

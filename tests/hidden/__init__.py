@@ -16,7 +16,7 @@ from .cases import (
 from .detectability import nats_apart
 from .effects import ALL, CAUSES, OUTSIDE, Effect, effect, sized_effect
 from .faults import CHANNELS, FAILURES, NO_FAULT, SENSOR_SIZES, UNKNOWN_SIZES, Fault
-from .loggers import IDEAL, PAIRS, TRAITS, TRIPLES, Trait, combined, make_log_with, trait_of
+from .loggers import IDEAL, PAIRS, TRAITS, TRIPLES, Trait, acquisition_of, combined, make_log_with, trait_of
 from .profiles import (
     SHAPES,
     Move,
@@ -81,6 +81,7 @@ __all__ = [
     "Rig",
     "Size",
     "Trait",
+    "acquisition_of",
     "TruthSpec",
     "campaign",
     "combined",

@@ -37,6 +37,7 @@ FAR = 200.0  # times the nats of another fault, that one must have for which no 
 FOLLOWED = 4.0  # standard deviations from all of its travel that a mass still follows in part
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
+NEARLY = 0.99  # of what a load at will explains
 STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the stop, of which the bank takes no evidence
 # What begins within this of the stop gains by a speed in doubt anew: 39 nats in healthy moves at 10 rad/s, 53 with gains that
 # are off. It must have so many times the nats of another fault.
@@ -66,7 +67,7 @@ class Naming:
         swings = self._swings(paths, whole)
         told = [p for p in told if not (swings and p.hypothesis.label == "jam")]
         stories = [story for p in told if self._fits(p, whole, event) for story in self.stories(p, whole)]
-        return [story for story in stories if measured(story, whole)]
+        return _named_first([story for story in stories if measured(story, whole)], whole)
 
     def told(self, event: Event, stories: Sequence[Story], whole: WholeMove) -> Event:
         """The event with the label, times and severity of the best story."""
@@ -213,6 +214,10 @@ class Naming:
         if whole.window.t[path.begin] - start_s < CLEAN_S:
             fits = path.nis <= WELL * whole.expected(path.hypothesis) and not self._is_of_the_rig(path, whole)
             return fits and whole.lasts(path) and path.later >= FAR * self.settings.move_nats
+        settled = int(np.searchsorted(whole.window.t, start_s + SETTLED_S))
+        first = (
+            settled if path.begin - settled >= round(CLEAN_S / whole.interval) else first
+        )  # how a motor starts is told less well
         return float(whole.nis[first : path.begin].mean()) <= FITS * whole.expected(whole.nominal)
 
     def _is_of_the_rig(self, path: Path, whole: WholeMove) -> bool:
@@ -310,6 +315,17 @@ def _stands_under_load(path: Path) -> bool:
         return False
     (lost, std), (stiff, doubt) = constant(path, own["E"]), constant(path, own["C"])
     return lost > 1.0 - BELIEVABLE * std and stiff > BELIEVABLE * doubt
+
+
+def _named_first(stories: list[Story], whole: WholeMove) -> list[Story]:
+    """Stories without those of a load at will where a name explains as good as all of what they do, and fits well.
+
+    How a mass meets an obstacle no law says to the last nat.
+    """
+    most = max((story.gain for story in stories), default=0.0)
+    named = [story for story in stories if story.mode != UNKNOWN]
+    well = any(s.gain >= NEARLY * most and s.path.nis <= whole.expected(s.path.hypothesis) for s in named)
+    return named if well else stories
 
 
 def _passes(path: Path, whole: WholeMove, start_s: float) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from observer_fi.bank import Bank
 from observer_fi.physics import NOMINAL, Rig
 from observer_fi.records import Array, Event
-from observer_fi.verdict.drift import mostly
+from observer_fi.verdict.stuck import of_dead_sensor, stuck_since
 
 # By the label and channel of a verdict: what has the same position and nearly the same current. A position that stands, or a
 # mass that does, whatever the motor turns (an obstacle that takes all the travel); a current that is more, or reads more: the one
@@ -36,17 +36,17 @@ DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
 # before it shows.
 BRAKES, BRAKED_S = 0.3, 0.03
 CHANGED = 3.0  # standard deviations
+SAME_CURRENT = 0.01  # relative: of 24 frozen positions none changed it by more, of 20 lost couplings none by less than 0.06
 STANDS = 0.03  # of the speed before: a mass that is slower stands
 RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
 
 
-# A current that stays the same to the last digit for so long in motion that noise does so once in e^30 is that of a dead
-# sensor; its noise repeats a reading at least half the time, as far as that is allowed for.
-DEAD_NATS, REPEATS = 30.0, 0.5
-_STANDS_STILL = "the current stands still to the last digit, which no sensor that works does"
 # Standard deviations of its noise: up to which a current is nothing, and which it had before. Of the speed before: a mass that
 # is as fast is driven.
 NOTHING, READS, GOES_ON = 5.0, 10.0, 0.5
+_SAME_CURRENT = (
+    "the current stayed as it was when the position stopped: the motor feels what it felt with its load"
+)
 _READS_NOTHING = (
     "the current reads nothing while the mass goes on for longer than a motor without current would turn"
 )
@@ -67,10 +67,15 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
 
     alike: probability from which another label is named beside the verdict's.
     """
-    for dead, why in ((stuck_current, _STANDS_STILL), (lost_current, _READS_NOTHING)):
-        since = dead(event, bank, rig)
-        if since is not None:
-            return _of_current(event, *since, why)
+    if stuck_since(event, bank, rig, "current") is not None:
+        return event
+    since = lost_current(event, bank, rig)
+    if since is not None:
+        return (
+            event
+            if (event.label, event.channel) == MISREAD
+            else of_dead_sensor(event, "current", since, _READS_NOTHING)
+        )
     key = event.label, event.channel
     others = SAME_WITHOUT_VOLTAGE.get(key, ())
     if not others:
@@ -92,25 +97,6 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     return _shared(event, nats, alike)
 
 
-def stuck_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | None:
-    """The last sample of a move before its current stood still to the last digit, and the first one after [s], if it did.
-
-    It stands until the move is over, and for longer in motion than the noise of its logger can repeat itself.
-    """
-    recent = bank.recent
-    if recent is None or rig.logger is None:
-        return None
-    there = (recent.t >= event.start_s) & (recent.t <= event.end_s) & np.isfinite(recent.z[:, 1])
-    t, i, moving = recent.t[there], recent.z[there, 1], recent.active[there]
-    changes = np.flatnonzero(np.diff(i))
-    first = int(changes[-1]) + 1 if changes.size else 0
-    share = min(max(float(rig.repeats[1]), REPEATS), 1.0)
-    repeated = max(int(moving[first:].sum()) - 1, 0)
-    if not first or -repeated * math.log(share) < DEAD_NATS:
-        return None
-    return float(t[first - 1]), float(t[first])
-
-
 def lost_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | None:
     """The last sample of a faulty move at which its current read more than noise, and the first one after [s], where it is lost.
 
@@ -127,23 +113,12 @@ def lost_current(event: Event, bank: Bank, rig: Rig) -> tuple[float, float] | No
     earlier = (t >= t[first] - BEFORE_S[0]) & (t < t[first]) if first < t.size else there[:0]
     if first >= t.size or np.abs(i[earlier]).mean() < READS * rig.noise_std[1]:
         return None
-    before = _slope(t[earlier], x[earlier])
+    before = slope_of(t[earlier], x[earlier])
     coast = 0.0 if before is None else abs(before) / rig.model["D"] * rig.model["J"] / rig.model["A"]
     later = t > t[first] + coast
-    after = _slope(t[later], x[later])
+    after = slope_of(t[later], x[later])
     goes_on = before is not None and after is not None and after / before > GOES_ON
     return (float(t[first - 1]), float(t[first])) if goes_on else None
-
-
-def _of_current(event: Event, before: float, since: float, why: str) -> Event:
-    """The event as that of a dead current sensor."""
-    if (event.label, event.channel) == MISREAD:
-        return event
-    posterior = mostly("sensor_fault", event)
-    return event._replace(
-        label="sensor_fault", channel="current", probability=posterior["sensor_fault"], posterior=posterior, alike=(),
-        onset_s=since, onset_interval_s=(before, since), over_s=None, severity=(), then=(), reasons=(why,),
-    )  # fmt: skip
 
 
 def _or_misread(event: Event, alike: float) -> Event:
@@ -151,6 +126,22 @@ def _or_misread(event: Event, alike: float) -> Event:
     if "sensor_fault" in event.alike:
         return event
     return _shared(event, {(event.label, None): 0.0, ("sensor_fault", "current"): 0.0}, alike)
+
+
+def or_frozen(event: Event, bank: Bank) -> Event:
+    """A coupling loss or, as likely, a position that froze, where the steady current stays what it was.
+
+    What the motor feels is then what it felt with the mass, by chance or because it still has it.
+    """
+    if event.label != "coupling_loss" or "sensor_fault" in event.alike:
+        return event
+    seen = _around(event, bank)
+    if seen.change is None or abs(seen.change) > SAME_CURRENT + CHANGED * seen.noise:
+        return event
+    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "sensor_fault"), 0.5)
+    return event._replace(
+        probability=0.5, posterior=posterior, alike=("sensor_fault",), reasons=(_SAME_CURRENT,)
+    )
 
 
 def _changed(seen: _Around) -> bool:
@@ -209,7 +200,7 @@ def _around(event: Event, bank: Bank) -> _Around:
         AFTER_S[1], float(since[left[0]]) - BRAKED_S if left.size else AFTER_S[1], event.end_s - onset
     )
     later = (since > AFTER_S[0]) & (since < until)
-    speeds = _slope(recent.t[earlier], recent.z[earlier, 2]), _slope(recent.t[later], recent.z[later, 2])
+    speeds = slope_of(recent.t[earlier], recent.z[earlier, 2]), slope_of(recent.t[later], recent.z[later, 2])
     stands = None if speeds[0] is None or speeds[1] is None else abs(speeds[1]) < STANDS * abs(speeds[0])
     after = _mean(i[later])
     if after is None or abs(before[0]) < 3.0 * before[1]:
@@ -231,7 +222,7 @@ def _fallen(event: Event, bank: Bank) -> bool:
     )
 
 
-def _slope(t: Array, x: Array) -> float | None:
+def slope_of(t: Array, x: Array) -> float | None:
     """Slope of a position [m/s]; None of too few readings."""
     known = np.isfinite(x)
     return float(np.polyfit(t[known] - t[known][0], x[known], 1)[0]) if known.sum() >= FEWEST else None
