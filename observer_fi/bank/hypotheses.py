@@ -212,14 +212,15 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
     if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
-    return np.where(rig.repeats > REPEATING, np.maximum(_foretold(rig, settings), 1.0), share)
+    alone = np.array([False, "voltage_v" not in rig.watched.columns, False])
+    return np.where((rig.repeats > REPEATING) | alone, np.maximum(_foretold(rig, settings), 1.0), share)
 
 
 def _foretold(rig: Rig, settings: BankSettings) -> Array:
     """(3,) how closely voltage and current can be foretold where an unknown servo makes them, as a share of their noise.
 
-    Each by the other one; a current alone by nothing, however still it is held. A reading that repeats itself more closely
-    than that is no news of its sensor.
+    Each by the other one; a current alone by nothing, however still it is held, and however rarely its noise repeats a reading.
+    One that repeats itself more closely than that is no news of its sensor.
     """
     voltage, current, _ = rig.noise_std
     if "voltage_v" not in rig.watched.columns:

@@ -33,7 +33,10 @@ AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard de
 FAR_AT_REST = 120.0  # as FAR, where the motor should stand: in three healthy stops every fault gained 47 to 65 times as much
 RISEN = 1.0  # spreads from rig to rig by which friction is more than usual, and than in the moves before
 RISES_S = 0.1  # from a start on, when it may have risen
-ELECTRICAL = ("voltage", "current")
+ELECTRICAL, WORSE = (
+    ("voltage", "current"),
+    0.9,
+)  # gain of a sensor that lies, of what another story gains, that is enough for it
 MISREAD = "sensor:voltage"
 AROUND_S, KEEPS = (
     (0.1, 0.5),
@@ -106,7 +109,7 @@ class LastWord:
         if whole is None:
             return event
         paths, stories = self._near(doubted, event, whole)
-        if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, whole)):
+        if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, stories, whole)):
             return event
         named = any(story.mode != UNKNOWN for story in stories)
         begun = doubted < whole.window.t[0]
@@ -263,9 +266,14 @@ class LastWord:
         return _from_where_it_is_known(whole) if at_once else whole
 
 
-def _fits_as(event: Event, paths: Sequence[Path], whole: WholeMove) -> bool:
-    """Whether a path of the event's own label and channel describes the move."""
-    own = (path for path in paths if channel_of(path.hypothesis.name) == event.channel)
+def _fits_as(event: Event, paths: Sequence[Path], stories: Sequence[Story], whole: WholeMove) -> bool:
+    """Whether a path of the event's own channel describes the move, and nearly as much of it as any story."""
+    most = max(story.gain for story in stories)
+    own = (
+        path
+        for path in paths
+        if channel_of(path.hypothesis.name) == event.channel and path.gain >= WORSE * most
+    )
     return any(path.nis <= FITS * whole.expected(path.hypothesis) for path in own)
 
 

@@ -46,6 +46,8 @@ def filter_of(
 ) -> tuple[Through, dict[str, float]] | None:
     """The filter of a campaign and the values that fit with it, None where none is told. values: from which fits begin."""
     starts = _starts(parts)
+    if not starts:
+        return None
     trial = _Trial(starts, plant, free, values)
     none = trial.tried(None, 0.0)
     before = _misfit(none.point.residuals)
@@ -99,10 +101,12 @@ class _Trial:
 
 
 def _starts(parts: Sequence[Part]) -> list[Part]:
-    """The first moves of some logs, from their starts until the loop has settled."""
+    """The first moves of some logs that keep their coupling, from their starts until the loop has settled."""
     taken: list[Part] = []
     left = MOVES
     for part in parts:
+        if part.loses:
+            continue
         chosen = range(min(part.experiment.moves, left))
         left -= len(chosen)
         if chosen:
