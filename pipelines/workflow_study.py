@@ -45,14 +45,9 @@ class Job(NamedTuple):
 
 
 def jobs_of(traits: Iterable[str], seeds: int, first: int) -> list[Job]:
-    """Every logger with as many rigs; the causes take turns, so that each meets other loggers with every seed."""
-    traits = list(traits)
-    causes = list(hidden.CAUSES)
-    return [
-        Job(trait, first + k, causes[(j + k * len(traits)) % len(causes)])
-        for k in range(seeds)
-        for j, trait in enumerate(traits)
-    ]
+    """Every logger with as many rigs, all of them different; the causes take turns, so that each meets many loggers."""
+    names, causes = list(traits), list(hidden.CAUSES)
+    return [Job(name, first + k, causes[k % len(causes)]) for k, name in enumerate(names * seeds)]
 
 
 def judged(job: Job) -> list[dict[str, Any]]:

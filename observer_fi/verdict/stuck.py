@@ -56,7 +56,7 @@ def of_dead_sensor(event: Event, channel: str, onset: tuple[float, float], why: 
     """The event as that of a dead sensor. onset: the last sample before it, and its first one [s]."""
     known = (event.label, event.channel) == ("sensor_fault", channel)
     if known and event.onset_s is not None and event.onset_s > onset[0] - EARLIER_S:
-        return event
+        return event._replace(onset_s=onset[1], onset_interval_s=onset)
     posterior = mostly("sensor_fault", event)
     return event._replace(
         label="sensor_fault", channel=channel, probability=posterior["sensor_fault"], posterior=posterior, alike=(),

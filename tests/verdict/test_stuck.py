@@ -1,0 +1,80 @@
+"""Sensors that stand still to the last digit, and what only looks like one."""
+
+import hidden
+import numpy as np
+import pytest
+
+from observer_fi.logs import stuck_from
+from observer_fi.logs.ingest import log_from_frame
+from observer_fi.physics import load_rig
+from observer_fi.records import Event
+from observer_fi.settings import Settings
+from observer_fi.verdict.diagnosis import diagnose_log
+
+
+def verdict_on(spec: hidden.TruthSpec, seed: int, logger: str = "ideal") -> Event:
+    frame, _ = hidden.make_log_with(logger, spec, seed)
+    isolation = diagnose_log(log_from_frame(frame), load_rig(), Settings()).isolation
+    assert isolation is not None
+    return isolation.verdict
+
+
+def noise(seed: int, n: int, step: float = 0.0) -> np.ndarray:
+    z = np.random.default_rng(seed).normal(size=n)
+    return np.round(z / step) * step if step else z
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize("seed", range(5))
+def test_readings_that_stand_far_longer_than_ever_before_are_stuck(step: float, seed: int) -> None:
+    z = noise(seed, 3000, step)
+    z[2000:] = z[2000]
+    found = stuck_from(z)
+    assert found is not None and 1990 <= found <= 2000
+
+
+@pytest.mark.parametrize(
+    "z",
+    [
+        noise(1, 3000),
+        noise(2, 3000, 3.0),  # steps so coarse that readings stand by themselves
+        np.repeat(noise(3, 100), 30),  # held readings
+        np.zeros(500),  # the same from the first sample on: no sensor that failed
+        np.append(noise(4, 500), np.full(30, 2.0)),  # too few to tell
+        np.full(400, np.nan),
+    ],
+)
+def test_what_noise_steps_and_holds_do_is_not_stuck(z: np.ndarray) -> None:
+    assert stuck_from(z) is None
+
+
+def test_missing_readings_do_not_hide_a_stuck_one() -> None:
+    z = noise(5, 3000)
+    z[2000:] = z[2000]
+    z[::7] = np.nan
+    found = stuck_from(z)
+    assert found is not None and 2000 <= found <= 2002
+
+
+@pytest.mark.parametrize("channel", hidden.CHANNELS)
+@pytest.mark.parametrize("logger", ["ideal", "steps_all"])
+@pytest.mark.parametrize("seed", [320000, 320001])
+def test_a_frozen_sensor_has_its_name_and_its_begin(channel: str, logger: str, seed: int) -> None:
+    spec = hidden.draw_failing_case(seed, "frozen", channel)
+    told = verdict_on(spec, seed, logger)
+    assert (told.label, told.channel) == ("sensor_fault", channel)
+    assert told.onset_s is not None and abs(told.onset_s - float(spec.fault.onset_s or 0.0)) < 5e-3
+
+
+@pytest.mark.parametrize("logger", ["ideal", "steps_3_all", "csv_3_decimals", "drive_off", "position_50hz"])
+@pytest.mark.parametrize("label", ["nominal", "overload", "coupling_loss"])
+def test_a_mass_that_stands_is_no_sensor_that_does(label: str, logger: str) -> None:
+    told = verdict_on(hidden.draw_move_case(320100, label), 320100, logger)
+    assert label in (told.label, *told.alike)
+    assert "stands still to the last digit" not in " ".join(told.reasons)
+
+
+def test_a_position_that_froze_under_its_noise_is_not_surely_a_lost_coupling() -> None:
+    """The friction that is left would be to a percent what it was with the mass."""
+    told = verdict_on(hidden.draw_failing_case(310003, "frozen_noisy", "position", 3.0), 310003)
+    assert "sensor_fault" in (told.label, *told.alike) and told.probability < 0.95
