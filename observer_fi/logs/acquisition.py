@@ -18,6 +18,10 @@ from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Clo
 
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
+SHORT, SETTLES = (
+    50,
+    5.0,
+)  # samples of a rest before any move, and by which later ones scatter more in which a motor settles
 SETTLED_S = 0.3  # after a stop, until a rest is one
 SET_UP_DEG = 1.0  # of the pitch from one sample to the next: nobody tilts a rig so fast while it moves
 FOREIGN = 5.0  # times its noise: a logger that a rig file does not know
@@ -52,10 +56,8 @@ BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the larges
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
-STUCK, STUCK_FOR = (
-    50,
-    20,
-)  # samples that a sensor that got stuck repeats itself; times as long as it ever did while it worked
+# Samples that a sensor that got stuck repeats itself; times as long as it ever did while it worked.
+STUCK, STUCK_FOR = 50, 20
 
 
 def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
@@ -70,11 +72,16 @@ def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
 
 
 def rests_for_noise(log: Log) -> list[slice]:
-    """The rests of the beginning of a log in which nothing is driven, as far as they tell anything."""
+    """The rests of the beginning of a log in which nothing is driven, as far as they tell anything.
+
+    Only the one before any move, which may be short, where a motor still settles in all others.
+    """
     part = slice(0, LONGEST)
     t, z, w, pitch = log.t[part], log.z[part], log.w_cmd[part], log.pitch[part]
     rests = [undriven(still, z) for rest in rests_of(t, w) for still in as_set_up(rest, pitch)]
-    return [rest for rest in rests if rest.stop - rest.start >= FEWEST]
+    long = [rest for rest in rests if rest.stop - rest.start >= FEWEST]
+    begin = [rest for rest in rests[:1] if rest.start == 0 and rest.stop >= SHORT and rest not in long]
+    return begin if begin and any(_settles(begin[0], long, z[:, c]) for c in range(2)) else long
 
 
 def with_logger(rig: Rig, logs: Sequence[Log]) -> Rig:
@@ -165,7 +172,11 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     held = update_samples(np.round((t - t[0]) / interval).astype(np.int64), z, w_cmd)
     every = held or 1.0
     pieces = [_piece(t[r], z[r], held) for r in rests]
-    pieces = [p for p in pieces if p[0].size >= max(FEWEST / every, FEWEST_TICKS)]
+    pieces = [
+        p
+        for r, p in zip(rests, pieces, strict=True)
+        if p[0].size >= max(min(FEWEST, r.stop) / every, FEWEST_TICKS)
+    ]
     if pieces:
         traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
         traits = traits._replace(as_white=grown * traits.as_white, grown=grown)
@@ -182,6 +193,13 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
         traits = traits._replace(repeats=float(np.mean(np.diff(z[rests[0]]) == 0.0)))
     known = bool(rests) and bool(np.isfinite(z[rests[0]]).any())
     return traits._replace(offset=float(np.nanmean(z[rests[0]])) if known else 0.0)
+
+
+def _settles(begin: slice, rests: Sequence[slice], z: Array) -> bool:
+    """Whether readings z (n,) scatter far more in all rests than in the one before any move."""
+    known = [r for r in (begin, *rests) if np.isfinite(z[r]).any()]
+    usual, *seen = [float(np.nanstd(z[r])) for r in known] or [0.0]
+    return known[:1] == [begin] and usual > 0.0 and bool(seen) and min(seen) > SETTLES * usual
 
 
 def _in_motion(z: Array, step: float | None, usual: float) -> ChannelTraits:

@@ -1,8 +1,11 @@
 """Actuators that were judged wrong, each for another reason: from their data sheets to six verdicts."""
 
+import hidden
+import numpy as np
 import pytest
 
-from pipelines.rigs_study import Job, judged
+from observer_fi.logs import acquisition_of, log_from_frame, with_command
+from pipelines.rigs_study import Job, _learned, judged
 
 
 def wrong(drive: str, seed: int) -> list[str]:
@@ -34,3 +37,14 @@ def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
 )
 def test_an_actuator_is_judged_right(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
+
+
+def test_a_motor_that_still_settles_after_its_move_is_no_noise_that_wanders() -> None:
+    """Its first rest has 98 samples, where 100 are a rest; after the move the position loop creeps on for half a second."""
+    actuator = hidden.draw_actuator(300014, "position_servo")
+    frame, _ = hidden.actuator_log(
+        actuator, hidden.fault_spec(actuator, "nominal", actuator.seed), actuator.seed + 1
+    )
+    log = with_command(log_from_frame(frame), _learned(actuator))
+    for seen in acquisition_of(log, np.array([2e-3, 5e-3, 4e-6]))[:3]:
+        assert seen.correlation_s is None and abs(seen.offset) < seen.noise_std
