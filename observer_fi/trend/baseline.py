@@ -110,7 +110,7 @@ def learn(healthy: Table, rate: float, calibration: Table | None = None) -> Base
     n = len(healthy.paths)
     if n < FEWEST:
         raise UsageError(
-            f"{n} healthy log{'' if n == 1 else 's'} cannot make a baseline: give {FEWEST} or more with --baseline-logs"
+            f"{n} healthy {'log is' if n == 1 else 'logs are'} too few for a baseline: give {FEWEST} or more with --baseline-logs"
         )
     fitted = _fit(healthy)
     if not fitted.names:

@@ -10,10 +10,12 @@ import pytest
 from hidden import Fault
 
 from observer_fi.physics import load_rig
+from observer_fi.records import ChannelTraits
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from observer_fi.verdict.diagnosis import isolated_again
 from observer_fi.verdict.moves.unloaded import without_voltage
+from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import not_tested
 from pipelines import rigs_study
 
@@ -150,20 +152,18 @@ def quantised(share: float, dead: bool) -> Any:
 def test_a_current_that_stands_to_the_last_digit_is_that_of_a_dead_sensor(
     said: tuple[str, str | None],
 ) -> None:
-    logged: Any = SimpleNamespace(
-        model=RIG.model,
-        spread=RIG.spread,
-        logger=object(),
-        repeats=np.array([0.0, 0.3, 0.0]),
-        noise_std=RIG.noise_std,
-    )
-    dead = without_voltage(event(*said), quantised(1.0, True), logged, ALIKE)
+    current = ChannelTraits(1e-3, 1e-3, 1e-3)
+    logged: Any = SimpleNamespace(logger=(current, current, current), repeats=np.array([0.0, 0.3, 0.0]))
+    dead = of_a_stuck_sensor(event(*said), quantised(1.0, True), logged)
     assert (dead.label, dead.channel) == ("sensor_fault", "current")
     assert dead.onset_s == pytest.approx(2.0, abs=0.02) and sum(dead.posterior.values()) == pytest.approx(1.0)
-    alive = without_voltage(event(*said), quantised(1.0, False), logged, ALIKE)
-    assert (alive.label, alive.channel) != ("sensor_fault", "current")
+    assert without_voltage(dead, quantised(1.0, True), logged, ALIKE) is dead
+    assert of_a_stuck_sensor(event(*said), quantised(1.0, False), logged) == event(*said)
     logged.repeats[1] = 0.99  # a logger whose readings stand at rest, too
-    assert without_voltage(event("nominal", None), quantised(1.0, True), logged, ALIKE).label == "nominal"
+    assert of_a_stuck_sensor(event("nominal", None), quantised(1.0, True), logged).label == "nominal"
+    coarse = current._replace(resolution=2e-3)
+    rough: Any = SimpleNamespace(logger=(coarse, coarse, coarse), repeats=np.array([0.0, 0.3, 0.0]))
+    assert of_a_stuck_sensor(event("nominal", None), quantised(1.0, True), rough).label == "nominal"
 
 
 def test_a_current_that_reads_more_may_also_be_more() -> None:
