@@ -130,21 +130,16 @@ def study(jobs: Iterable[Job], workers: int, rows: Path) -> pd.DataFrame:
     return pd.DataFrame(done)
 
 
-def table(frame: pd.DataFrame, key: str) -> str:
-    """A row a group of `key`: right of all by what was learned, and what was said in place of the right answer."""
+def table(frame: pd.DataFrame, key: str, otherwise: bool = True) -> str:
+    """A row a group of `key`: right of all by what was learned, and what was said in place of the right answer if asked for."""
     rows = []
     for group, part in frame.groupby(key, sort=False):
-        cells = {of: f"{int(g['right'].sum())} of {len(g)}" for of, g in part.groupby("of", sort=False)}
         wrong = part[~part["right"]]
-        said = [f"{row.of}, {row.label}: {row.said}" for row in wrong.itertuples()]
-        rows.append(
-            {
-                key: group,
-                **cells,
-                "confident and wrong": int(wrong["confident"].sum()),
-                "said otherwise": "; ".join(said),
-            }
-        )
+        said = "; ".join(f"{row.of}, {row.label}: {row.said}" for row in wrong.itertuples())
+        rows.append({
+            key: group, **{of: f"{int(g['right'].sum())} of {len(g)}" for of, g in part.groupby("of", sort=False)},
+            "confident and wrong": int(wrong["confident"].sum()), **({"said otherwise": said} if otherwise else {}),
+        })  # fmt: skip
     return markdown(pd.DataFrame(rows).fillna("").set_index(key))
 
 
@@ -163,7 +158,7 @@ def summary(frame: pd.DataFrame) -> str:
         "declared alike). *Control*: `improve` finds nothing on that campaign. *Hidden*: a cause at three times the size that",
         "shows on an ideal logger is found first, or in the first's declared set; loggers with more noise show less. Confident",
         f"and wrong: a label above {CONFIDENT}, or a finding whose set has no hidden cause. {cpu:.0f} CPU-seconds a rig.", "",
-        "## All", "", table(frame.assign(said=""), "logger"), "", "## By logger", "", table(frame, "trait"), "",
+        "## All", "", table(frame, "logger", otherwise=False), "", "## By logger", "", table(frame, "trait"), "",
     ])  # fmt: skip
 
 
