@@ -17,7 +17,7 @@ from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
 from observer_fi.improve.unexplained import Smooth
 from observer_fi.learn import Experiment, FitResult, campaign_filters, with_servo
-from observer_fi.logs import Excitation, filtered_logger, unfiltered, with_command, with_logger
+from observer_fi.logs import Excitation, filtered_logger, on_its_clock, unfiltered, with_command, with_logger
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve
 from observer_fi.records import Filter, Log, Segment
 
@@ -109,7 +109,7 @@ def improve(
             )
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
-    commanded = [with_command(log, rig) for log in logs]
+    commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
     filters = campaign_filters(commanded, rig).told
     taken = [unfiltered(log, filters) for log in commanded]
     problem = simulated_moves(taken, with_servo(taken, rig), moves, settings)
@@ -118,7 +118,7 @@ def improve(
     progress("what diagnose says of moves that no fit saw")
     counts = new_moves(problem, ladder, rig)
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
-    learned = filtered_logger(with_logger(best, commanded), filters)
+    learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
     return replace(found, extended_rig=learned, new_moves=counts, filters=filters)
 
 

@@ -41,6 +41,7 @@ from observer_fi.learn import (
     Experiment,
     FitResult,
     Free,
+    doubtful,
     find_stops,
     fit,
     inflation,
@@ -52,9 +53,10 @@ from observer_fi.learn import (
     run,
     share_of,
     stops_of_travel,
+    timed,
     whiteness,
 )
-from observer_fi.logs import Excitation, excitation, log_segments, moves_from_rest
+from observer_fi.logs import Excitation, excitation, is_recovered, log_segments, moves_from_rest
 from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
 from observer_fi.records import Array, Log, Segment
@@ -123,8 +125,8 @@ UNITS = (("voltage", "v"), ("current", "a"), ("position", "m"))
 # --- the rig refitted ------------------------------------------------------------------------------
 
 
-def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
-    """What a refit may move without saying that something is missing."""
+def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free, ...]:
+    """What a refit may move without saying that something is missing. older_s: see `Experiment`."""
     names = dict(_PRIORS)
     free = []
     if math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"]):
@@ -133,7 +135,14 @@ def base_parameters(rig: Rig, model: Model) -> tuple[Free, ...]:
         value = rig.model[name]
         relative = max(relative, rig.spread(name))
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
-    return (*free, *_stops(model), _SERVO_DELAY, _TICK_PHASE)
+    return (*free, *_stops(model), _SERVO_DELAY, _tick_phase(older_s))
+
+
+def _tick_phase(older_s: float) -> Free:
+    """Readings that a converter holds are as old as it is ahead of the logger, up to `older_s`."""
+    usual = _TICK_PHASE
+    std = math.hypot(usual.prior_std, older_s / math.sqrt(12.0))
+    return usual._replace(high=usual.high + older_s, prior=usual.prior + 0.5 * older_s, prior_std=std)
 
 
 def _stops(model: Model) -> tuple[Free, ...]:
@@ -159,7 +168,7 @@ def with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
     if len(models) == 1:
         return rig.model
     offset = Free("torque_offset", 1e-6)
-    fits = [fit(experiment, m, (*base_parameters(rig, m), offset)) for m in models]
+    fits = [fit(experiment, m, (*base_parameters(rig, m, experiment.older_s), offset)) for m in models]
     return models[int(np.argmin([f.objective + _STOP_NATS * k for k, f in enumerate(fits)]))]
 
 
@@ -197,7 +206,8 @@ class SimulatedMoves:
 
     @cached_property
     def _baseline(self) -> FitResult:
-        return fit(self.experiment, self.model, base_parameters(self.rig, self.model))
+        free = base_parameters(self.rig, self.model, self.experiment.older_s)
+        return fit(self.experiment, self.model, free)
 
     @cached_property
     def _most(self) -> float:
@@ -246,7 +256,8 @@ class SimulatedMoves:
             return []
         cover = coverage_of(experiment, self.model, np.zeros_like(fitted.nuisance))
         scored = {(c.cause.name, c.variant.name): c for c in candidates}
-        names, free = causes_of(self.model), base_parameters(self.rig, self.model)
+        names = causes_of(self.model)
+        free = base_parameters(self.rig, self.model, experiment.older_s)
         starts = gross_starts(experiment, self.model, names, cover, _GROSS_STARTS)
         for cause, variant, values in (*starts, *gross_limits(experiment, self.model, free, names, cover)):
             result = fit_from(experiment, self.model, free, variant, values)
@@ -430,13 +441,17 @@ class SimulatedMoves:
         return tuple(nameless(equation, 0.0, 0.0) for equation in self._bent(fitted))
 
     def _bent(self, fitted: FitResult) -> tuple[str, ...]:
-        """Equations whose constants of the data sheet a refit moved by more than their makers ever do."""
+        """Equations whose constants of the data sheet a refit moved by more than their makers ever do.
+
+        Without a voltage those of the winding come from when the supply limits, which a servo's ticks blur.
+        """
         far = [
             f.name
             for f in fitted.free
             if f.name in _MAKERS and abs(fitted.model[f.name] - f.prior) > _TOO_FAR * f.prior_std
         ]
-        return tuple(dict.fromkeys(_MAKERS[name] for name in far))
+        blind = {"electrical"} if not (self.experiment.weight[:, 0] > 0.0).any() else set()
+        return tuple(dict.fromkeys(_MAKERS[name] for name in far if _MAKERS[name] not in blind))
 
     def _smooth_rest(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
         """The smooth terms that the extended model still asks for, the best first."""
@@ -495,8 +510,16 @@ def simulated_moves(
     """The problem of a rig with a servo. Raises InvalidLogError where no log holds a move."""
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     experiment = replace(prepare(logs, rig, cut, share_of(cut, MOST_ROWS)), steps=_STEPS)
+    experiment = _with_timed_command(experiment, logs, rig)
     model = with_stops(experiment, logs, rig)
     return SimulatedMoves(tuple(logs), rig, experiment, model, settings or MoveSettings())
+
+
+def _with_timed_command(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Experiment:
+    """The experiment with its command's ramps where the motion shows them, where the samples of the command do not."""
+    commands = doubtful(experiment, [is_recovered(log) for log in logs])
+    free = base_parameters(rig, rig.model, experiment.older_s)
+    return timed(experiment, commands, rig.model, free) if commands else experiment
 
 
 def shortlist(candidates: Sequence[Candidate], least: float, settings: MoveSettings) -> list[Candidate]:

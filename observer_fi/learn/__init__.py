@@ -61,6 +61,7 @@ from observer_fi.learn.output_error import (
     without_moves,
 )
 from observer_fi.learn.reversal_doubt import CAUGHT_A
+from observer_fi.learn.servo.command_timing import doubtful, timed
 from observer_fi.learn.servo.unknown_servo import with_servo
 
 __all__ = [
@@ -92,6 +93,8 @@ __all__ = [
     "VOLTAGE",
     "WINDING",
     "campaign_filters",
+    "doubtful",
+    "timed",
     "check_force_rig",
     "closed_loop",
     "correlated",

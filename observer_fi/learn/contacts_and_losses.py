@@ -146,24 +146,29 @@ def find_stops(experiment: Experiment, rig: Rig) -> Model:
     torque, direction, theta, x = _steady(experiment, model)
     if torque.size < _FEWEST:
         return model
+    usual = np.column_stack([direction, theta])
     span = float(x.max() - x.min())
     places = np.linspace(x.min() + 0.05 * span, x.max() - 0.05 * span, _PLACES)
-    free = _misfit(torque, direction, theta, [])
+    free = _misfit(torque, usual, [])
     best: tuple[float, dict[str, float]] = (free, {})
     for place in places:
-        best = min(best, _with(torque, direction, theta, x, {"x_stop_high": place}), key=lambda b: b[0])
-        best = min(best, _with(torque, direction, theta, x, {"x_stop_low": place}), key=lambda b: b[0])
+        best = min(best, _with(torque, usual, x, {"x_stop_high": place}), key=lambda b: b[0])
+        best = min(best, _with(torque, usual, x, {"x_stop_low": place}), key=lambda b: b[0])
     if best[0] > (1.0 - _LESS) * free:
         return model
     for name in ("x_stop_high", "x_stop_low"):
         if name in best[1]:
             continue
         both = min(
-            (_with(torque, direction, theta, x, best[1] | {name: place}) for place in places),
+            (_with(torque, usual, x, best[1] | {name: place}) for place in places),
             key=lambda b: b[0],
         )
         if both[0] < (1.0 - _LESS) * best[0]:
             best = both
+    # The offset of a current sensor would be a stop beyond the travel, whose depth hardly changes.
+    offset = np.column_stack([usual, np.ones(torque.size)])
+    if _with(torque, offset, x, best[1])[0] > (1.0 - _LESS) * _misfit(torque, offset, []):
+        return model
     return override(model, model.name, **{n: float(v) for n, v in best[1].items()})
 
 
@@ -199,21 +204,19 @@ def _steady(experiment: Experiment, model: Model) -> tuple[Array, Array, Array, 
     return table[:, 0], table[:, 1], table[:, 2], table[:, 3]
 
 
-def _with(
-    torque: Array, direction: Array, theta: Array, x: Array, stops: dict[str, float]
-) -> tuple[float, dict[str, float]]:
+def _with(torque: Array, usual: Array, x: Array, stops: dict[str, float]) -> tuple[float, dict[str, float]]:
     depths = []
     if "x_stop_high" in stops:
         depths.append(np.maximum(x - stops["x_stop_high"], 0.0) ** 2)
     if "x_stop_low" in stops:
         depths.append(-(np.maximum(stops["x_stop_low"] - x, 0.0) ** 2))
-    return _misfit(torque, direction, theta, [np.sum(depths, axis=0)]), stops
+    return _misfit(torque, usual, [np.sum(depths, axis=0)]), stops
 
 
-def _misfit(torque: Array, direction: Array, theta: Array, terms: list[Array]) -> float:
-    """Residual sum of squares of torque = A s + B theta + C depth^2, infinite for a stop that pulls."""
-    columns = np.column_stack([direction, theta, *terms])
+def _misfit(torque: Array, usual: Array, terms: list[Array]) -> float:
+    """Residual sum of squares of the torque as the usual columns (n, k) and C depth^2, infinite for a stop that pulls."""
+    columns = np.column_stack([usual, *terms])
     solution = np.linalg.lstsq(columns, torque, rcond=None)[0]
-    if terms and solution[2] <= 0.0:
+    if terms and solution[usual.shape[1]] <= 0.0:
         return float("inf")
     return float(np.sum((torque - columns @ solution) ** 2))

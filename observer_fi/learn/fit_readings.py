@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.learn.logger.hum import without_lines
 from observer_fi.logs import Readings as FreshReadings
-from observer_fi.logs import acquisition_of, even, without_spikes
+from observer_fi.logs import acquisition_of, clock_of, earlier, even, without_spikes
 from observer_fi.numerics import runs
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
@@ -25,47 +26,69 @@ _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weig
 
 
 class Readings(NamedTuple):
-    """The logs with NaN for readings that say nothing new, on an even clock; noise (3,) of what is left; lines of it [Hz]."""
+    """The logs with NaN for readings that say nothing new, on an even clock; noise (3,) of what is left; lines of it [Hz].
+
+    jitter_s: of each log's clock. A servo sets its current between samples, and an even clock is as far
+    behind each tick. older_s: by which voltage and current may be older than their rows, where one converter holds both.
+    """
 
     logs: list[Log]
     noise: Array
     hum_hz: tuple[float, ...]
+    jitter_s: list[float]
+    older_s: float = 0.0
 
 
 def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
     """What fits may take of some logs of one rig."""
-    taken, estimates, hum = [], [], []
+    taken, estimates, hum, jitter, older = [], [], [], [], 0.0
     for log in logs:
         acquisition = acquisition_of(log, rig.file_noise_std)
+        lines = [line.hz for channel in acquisition[:3] for line in channel.lines]
+        if lines:
+            hum += lines
+            log = without_lines(log, acquisition)
+            acquisition = acquisition_of(log, rig.file_noise_std)
         white = _settled_noise(log)
         channels = zip(acquisition[:3], white.tolist(), strict=True)
         estimates.append([noise if _plain(channel) else channel.as_white for channel, noise in channels])
-        hum += [line.hz for channel in acquisition[:3] for line in channel.lines]
         clock = acquisition.clock
         if clock.resolution_s:
             log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+        jitter.append(clock_of(log.t).jitter_s)
+        older = max(older, 1.0 / log.rate_hz if _held_together(acquisition) else 0.0)
         fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std).take(log)
-        taken.append(without_drive_off(without_spikes(fresh, acquisition), acquisition))
+        fresh = in_time(without_spikes(fresh, acquisition), acquisition)
+        taken.append(without_drive_off(fresh, acquisition))
     found = np.array([_usual(column) for column in np.array(estimates).T])
     usual = rig.file_noise_std
     noise = np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
-    return Readings(taken, noise, tuple(hum))
+    return Readings(taken, noise, tuple(hum), jitter, older)
+
+
+def in_time(log: Log, acquisition: Acquisition) -> Log:
+    """The log with the readings that are means of samples at the middle of those, which they are later than."""
+    if all(channel.averaged == 1 for channel in acquisition[:3]):
+        return log
+    late = [0.5 * (channel.averaged - 1) / log.rate_hz for channel in acquisition[:3]]
+    columns = [earlier(log.t, y, by) if by else y for y, by in zip(log.z.T, late, strict=True)]
+    return replace(log, z=np.column_stack(columns))
 
 
 def without_drive_off(log: Log, acquisition: Acquisition) -> Log:
     """The log with NaN for voltage and current where the drive is off: both at their zero for long, at a rest after a move.
 
-    A servo that is on holds the current at which friction stopped the mass.
+    A servo that is on holds the current at which friction stopped the mass. One that is off later was so before the first move.
     """
     zero = np.array([acquisition.voltage.offset, acquisition.current.offset])
     noise = np.array([math.hypot(c.noise_std, c.resolution or 0.0) for c in acquisition[:2]])
     off = (np.abs(log.z[:, :2] - zero) <= _OFF * noise).all(axis=1) & (log.w_cmd == 0.0)
+    long = [(a, b) for a, b in zip(*runs(off), strict=True) if log.t[b - 1] - log.t[a] > _OFF_S]
+    if not any((log.w_cmd[:first] != 0.0).any() for first, _ in long):
+        return log
     z = log.z.copy()
-    moved = False
-    for first, last in zip(*runs(off), strict=True):
-        moved = moved or bool((log.w_cmd[:first] != 0.0).any())
-        if moved and log.t[last - 1] - log.t[first] > _OFF_S:
-            z[first:last, :2] = np.nan
+    for first, last in long:
+        z[first:last, :2] = np.nan
     return replace(log, z=z)
 
 
@@ -74,6 +97,11 @@ def since_change(t: Array, w_cmd: Array) -> Array:
     changes = np.abs(np.diff(w_cmd, append=w_cmd[-1])) > 1e-9
     last = np.maximum.accumulate(np.where(changes, np.arange(t.size), -1))
     return np.where(last >= 0, t - t[np.maximum(last, 0)], np.inf)
+
+
+def _held_together(acquisition: Acquisition) -> bool:
+    held = acquisition.voltage.update_hz, acquisition.current.update_hz
+    return None not in held and held[0] == held[1]
 
 
 def _plain(channel: ChannelTraits) -> bool:

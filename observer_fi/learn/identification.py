@@ -38,6 +38,7 @@ from observer_fi.logs import (
     log_phases,
     mean_square_by_phase,
     moves_from_rest,
+    on_its_clock,
     unfiltered,
     with_command,
 )
@@ -130,6 +131,7 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
         return identify_force(logs, rig)
     if not rig.driven.servo:
         return identify_driven(logs, rig)
+    logs = [on_its_clock(log, rig) for log in logs]
     if needs_start(rig):
         begun = with_start(logs, rig)
         fit = _identify_servo(logs, begun, filters)

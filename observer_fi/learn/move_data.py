@@ -31,6 +31,7 @@ TAIL_S = (
 FINE_S = (
     0.06  # after a corner of the command two integration steps a sample: saturation begins and ends there
 )
+_COARSE_S = 1.5e-3  # between samples: more is not integrated in one step where a motor sticks and slips
 SMOOTH_HZ = 2000.0  # knots a second of a command that is smooth between its samples
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
@@ -49,7 +50,8 @@ class Experiment:
     peak (M,) rad/s and pitch (M,) deg; before (M,) direction of the move before, 0 for a log's first; rest (M, 2) current
     [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
     values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
-    the slow states. at_rest: see `Drive`. hum_hz: lines of the logger.
+    the slow states. at_rest: see `Drive`. hum_hz: lines of the logger. older_s: by which voltage and current may be older than
+    their rows.
     """
 
     t: Array
@@ -74,6 +76,7 @@ class Experiment:
     at_rest: Callable[[Any, Array], Rest]
     steps: int = 2
     hum_hz: tuple[float, ...] = ()
+    older_s: float = 0.0
 
     @property
     def moves(self) -> int:
@@ -86,6 +89,9 @@ class Experiment:
         rests = [slice(int(b), int(b + n)) for b, n in zip(self.bounds[:-1], self.moving, strict=True)]
         readings = np.array([(self.weight[rest, 1:] > 0.0).sum(axis=0) for rest in rests])
         std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(readings, 1))
+        std[readings[:, 0] == 0, 0] = float(
+            np.abs(self.z[:, 1]).max()
+        )  # a drive that is off holds what it held before
         std[self.before == 0.0, 1] = _UNKNOWN_PLAY
         return std
 
@@ -158,11 +164,11 @@ def prepare(
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
-    taken, noise, hum = readings_to_fit(logs, rig)
+    taken, noise, hum, jitter, older = readings_to_fit(logs, rig)
     codes = [log_phases(log, rig.model) for log in logs]
     share = share_of(cut) if share is None else share
     every = [
-        _part(log, new, k, m, segments, noise, rig.model, codes[k], dt)
+        _part(log, new, k, m, segments, (noise, jitter[k]), rig.model, codes[k], dt)
         for k, (log, new, segments) in enumerate(zip(logs, taken, cut, strict=True))
         for dt in (float(np.median(np.diff(log.t))),)
         for m in spread_moves(segments, share)
@@ -187,6 +193,7 @@ def prepare(
         bounds=np.concatenate(([0], np.cumsum(rows))).astype(np.int64),
         noise=noise,
         hum_hz=hum,
+        older_s=older,
         doubts=tuple(p["doubt"] for p in parts),
         knots=tuple(_knots(log, rig) for log in taken),
         history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
@@ -246,12 +253,15 @@ def _part(
     number: int,
     m: int,
     segments: Sequence[Segment],
-    noise: Array,
+    doubt: tuple[Array, float],
     model: Model,
     phase: NDArray[np.int8],
     dt: float,
 ) -> dict | None:
-    """One move as rows of an experiment, or None where it has no rest to start from. taken: readings that count."""
+    """One move as rows of an experiment, or None where it has no rest to start from. taken: readings that count.
+
+    doubt: their noise (3,), and the jitter of their times [s].
+    """
     segment = segments[m]
     rest = max(segment.rest, segment.start - round(REST_S / dt), 0)
     end = min(segment.end, segment.stop + round(TAIL_S / dt), log.t.size)
@@ -260,18 +270,18 @@ def _part(
         return None
     t, z = taken.t[rest:end], taken.z[rest:end]
     missing = np.isnan(z)
-    weight = np.where(missing, 0.0, 1.0 / noise)
+    gapless = np.nan_to_num(np.stack([filled(channel) for channel in log.z[rest:end].T], axis=1))
+    weight = np.where(missing, 0.0, 1.0 / np.hypot(doubt[0], doubt[1] * np.gradient(gapless, t, axis=0)))
     if m == 0:
         weight[: segment.start - rest + _PLAY_ROWS, 2] = 0.0
     since = since_change(t, log.w_cmd[rest:end])
-    gapless = np.nan_to_num(np.stack([filled(channel) for channel in log.z[rest:end].T], axis=1))
     brake = segment.stop - rest - int(abs(segment.peak) / (model["accel_cmd"] or math.inf) / dt) - 2
     return {
         "t": t,
         "theta": np.nan_to_num(log.pitch[rest:end]),
         "z": np.where(missing, 0.0, z),
         "weight": weight,
-        "fine": since < FINE_S,
+        "fine": (since < FINE_S) | (np.gradient(t) > _COARSE_S),
         "phase": phase[rest:end],
         "log": number,
         "start": rest,

@@ -69,7 +69,7 @@ class FitResult:
 
 
 @dataclass(frozen=True)
-class _OutputError:
+class ParameterFit:
     """The problem that `fit` solves (`gauss_newton.Problem`). known: columns (N, 3) that are not made anew."""
 
     experiment: Experiment
@@ -122,7 +122,7 @@ def fit(
     known: columns (N, 3) of some parameters from an earlier fit near by; they stay as they are, so that a
     candidate costs a simulation per iteration and per new parameter only.
     """
-    problem = _OutputError(experiment, model, tuple(free), known or {})
+    problem = ParameterFit(experiment, model, tuple(free), known or {})
     nuisance = np.zeros((experiment.moves, 2)) if nuisance is None else nuisance
     found = search(problem, {f.name: model[f.name] for f in free}, nuisance, iterations, worth)
     point, model = found.point, problem.model_at(found.point.values)

@@ -23,7 +23,10 @@ CAUGHT_A = (
     2e-3  # 1-sigma of the current in the rest after a stop: it depends on the instant when friction catches
 )
 _LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the noise
-_ROWS = 3  # samples on either side of a reversal that tell its slope: ten times the slope's noise at `_LEAST`
+_ROWS = (
+    3  # samples on either side of a reversal that tell its slope: ten times the slope's noise at `_LEAST`,
+)
+_NEAR_S = 2e-3  # and as many of a slow log as lie so near, where the slope is still that of the reversal
 _APART_S = 5e-3
 _FULL = 0.98  # of the highest voltage seen: the supply is at its limit
 _STILL = 3.0  # rad/s: five times the noise of the measured speed
@@ -46,8 +49,9 @@ class Doubt(NamedTuple):
 def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
     """Doubt in the readings z (n, 3), without gaps, of one move at t (n,); from the row `brake` on the command falls."""
     w = speed(z, model.vector)
-    fast = np.flatnonzero(np.abs(_smooth(w)) > _STILL)
-    kicks = _reversals(t, w, brake)
+    rows = int(np.clip(round(_NEAR_S / float(np.median(np.diff(t)))), 1, _ROWS))
+    fast = np.flatnonzero(np.abs(_smooth(w, rows)) > _STILL)
+    kicks = _reversals(t, w, brake, rows)
     if not kicks or not fast.size:
         return Doubt(t.size, np.empty((0, 0)), np.empty(0), (), t.size)
     still = t[fast[-1]]
@@ -70,17 +74,17 @@ def subtract_doubt(r: Array, doubt: Doubt) -> None:
     part -= ((doubt.share * (doubt.directions @ part.ravel())) @ doubt.directions).reshape(part.shape)
 
 
-def _smooth(w: Array) -> Array:
-    return np.convolve(w, np.ones(_ROWS) / _ROWS, mode="same")
+def _smooth(w: Array, rows: int) -> Array:
+    return np.convolve(w, np.ones(rows) / rows, mode="same")
 
 
-def _reversals(t: Array, w: Array, brake: int) -> list[tuple[float, float]]:
-    """Time and acceleration [rad/s^2] of every reversal from the row `brake` on."""
+def _reversals(t: Array, w: Array, brake: int, rows: int) -> list[tuple[float, float]]:
+    """Time and acceleration [rad/s^2] of every reversal from the row `brake` on, of so many rows on either side."""
     found: list[tuple[float, float]] = []
-    sign = np.signbit(_smooth(w))
+    sign = np.signbit(_smooth(w, rows))
     for k in np.flatnonzero(sign[1:] != sign[:-1]):
-        near = slice(k - _ROWS + 1, k + _ROWS + 1)
-        if k < brake + _ROWS or k + _ROWS >= t.size or (found and t[k] - found[-1][0] < _APART_S):
+        near = slice(k - rows + 1, k + rows + 1)
+        if k < brake + rows or k + rows >= t.size or (found and t[k] - found[-1][0] < _APART_S):
             continue
         slope, level = np.polyfit(t[near] - t[k], w[near], 1)
         if abs(slope) > _LEAST:

@@ -10,12 +10,15 @@ from observer_fi.logs.acquisition import (
     channel_traits,
     clock_of,
     rests_for_noise,
+    rests_of,
     stuck_from,
+    undriven,
     with_logger,
     without_spikes,
 )
+from observer_fi.logs.clock import even, on_its_clock
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
-from observer_fi.logs.command_recovery import ABSENT, recover_command, with_command
+from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
 from observer_fi.logs.ingest import (
     CHUNK_ROWS,
@@ -31,6 +34,7 @@ from observer_fi.logs.low_pass import (
     LowPass,
     LowPasses,
     Unfiltered,
+    earlier,
     filtered_logger,
     told_filter,
     unfiltered,
@@ -49,7 +53,7 @@ from observer_fi.logs.moves import (
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
-from observer_fi.logs.readings import FEWEST_STEPS, Readings, even
+from observer_fi.logs.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.units import quarter_of_a_ring, suspect_units
 
 if TYPE_CHECKING:
@@ -73,9 +77,14 @@ __all__ = [
     "channel_traits",
     "clock_of",
     "rests_for_noise",
+    "rests_of",
+    "undriven",
     "stuck_from",
+    "earlier",
     "even",
+    "on_its_clock",
     "ABSENT",
+    "is_recovered",
     "position_speed",
     "BrokenLineError",
     "CHUNK_ROWS",

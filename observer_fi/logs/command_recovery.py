@@ -62,6 +62,11 @@ def with_command(log: Log, rig: Rig) -> Log:
     return log if np.isfinite(log.w_cmd).any() else recover_command(log, rig.model)
 
 
+def is_recovered(log: Log) -> bool:
+    """Whether the command of a log is none that was logged."""
+    return any(note.startswith(ABSENT) for note in log.notes)
+
+
 def recover_command(log: Log, model: Model) -> Log:
     """`log` with `w_cmd` recovered, and a note that says so.
 

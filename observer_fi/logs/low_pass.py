@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.numerics import digits
 from observer_fi.physics import COLUMNS, Rig
@@ -18,18 +19,24 @@ from observer_fi.records import CHANNELS, Acquisition, Array, Filter, Log
 
 FAST_HZ = 300.0  # corner of a filter that takes away nothing of what is looked for
 FEWEST = 4  # readings that can be interpolated
+BENT = 12.0  # times the median, eight standard deviations of noise
 GAP = 1.5  # intervals between two samples from which one is missing
 
 
 class LowPass(NamedTuple):
     """A filter before the readings of one channel. corner_hz: infinite where there is none; order: one, or Butterworth's two.
 
-    late: samples by which it is later than that; `lateness` measures them anew.
+    late: samples by which it is later than that, and where there is no filter; `lateness` measures them anew.
     """
 
     corner_hz: float = math.inf
     order: int = 1
     late: float = 0.0
+
+    @property
+    def is_none(self) -> bool:
+        """Whether readings come as they are."""
+        return math.isinf(self.corner_hz) and self.late == 0.0
 
     @property
     def delay_s(self) -> float:
@@ -71,9 +78,9 @@ class LowPasses(NamedTuple):
 
     @property
     def told(self) -> tuple[Filter, ...]:
-        """Those that there are, as records have them."""
+        """Those that there are, as records have them, and what is late without one."""
         named = zip(CHANNELS, self, strict=True)
-        return tuple(Filter(name, *own) for name, own in named if math.isfinite(own.corner_hz))
+        return tuple(Filter(name, *own) for name, own in named if not own.is_none)
 
     def of(self, channels: tuple[int, ...], own: LowPass) -> "LowPasses":
         """The same with another filter before some channels."""
@@ -121,33 +128,58 @@ def unfiltered(log: Log, told: Iterable[Filter]) -> Log:
     out = Unfiltered(filters, interval).take(log)
     z = out.z.copy()
     for c, own in enumerate(filters):
-        if math.isfinite(own.corner_hz):
-            z[:, c] = _earlier(log.t, z[:, c], own.late * interval)
+        if not own.is_none:
+            z[:, c] = earlier(log.t, z[:, c], own.late * interval)
     return replace(out, z=z)
 
 
-def _earlier(t: Array, y: Array, by: float) -> Array:
-    """Readings (n,) as they are so much later [s]; NaN where none is near."""
-    from scipy.interpolate import Akima1DInterpolator  # slow to import, and `diagnose` does without
+def earlier(t: Array, y: Array, by: float) -> Array:
+    """Readings (n,) as they are so much later [s]; NaN where none is near, or where they bend too sharply between samples.
 
-    there = np.isfinite(y)
-    if there.sum() < FEWEST:
+    The polynomial through the four readings around: what it does to noise is the same everywhere.
+    """
+    if t.size < FEWEST:
         return y
-    smooth = Akima1DInterpolator(t[there], y[there], method="makima")
-    moved = smooth(np.clip(t + by, t[there][0], t[there][-1]))
-    return np.where(there, moved, np.nan)
+    at = t + by
+    first = np.clip(np.searchsorted(t, at, side="right") - 2, 0, t.size - FEWEST)
+    nodes = first[:, None] + np.arange(FEWEST)
+    moved = np.einsum("nk,nk->n", _lagrange(t[nodes], at), y[nodes])
+    outside = (at < t[0]) | (at > t[-1])
+    return np.where(np.isnan(y) | _bent(y)[nodes].any(axis=1), np.nan, np.where(outside, y, moved))
+
+
+def _lagrange(nodes: Array, at: Array) -> Array:
+    """(n, k) weights of the polynomials through readings at nodes (n, k), at the times (n,)."""
+    weights = np.ones_like(nodes)
+    for k in range(nodes.shape[1]):
+        others = np.delete(nodes, k, axis=1)
+        weights[:, k] = np.prod((at[:, None] - others) / (nodes[:, [k]] - others), axis=1)
+    return weights
+
+
+def _bent(y: Array) -> NDArray[np.bool_]:
+    """(n,) readings at which the line through them bends by far more than noise, and usual motion, makes it."""
+    bend = np.abs(np.diff(y, n=2))
+    known = np.isfinite(bend)
+    usual = BENT * float(np.median(bend[known])) if known.any() else math.inf
+    return np.concatenate(([False], known & (bend > usual) & (usual > 0.0), [False]))
 
 
 def with_low_passes(acquisition: Acquisition, filters: Iterable[Filter]) -> Acquisition:
     """What a logger does, with these filters and no others."""
-    corners = {own.channel: own.corner_hz for own in filters}
+    corners = {own.channel: own.corner_hz for own in filters if math.isfinite(own.corner_hz)}
     pairs = zip(CHANNELS, acquisition[:3], strict=True)
     voltage, current, position = (traits._replace(low_pass_hz=corners.get(name)) for name, traits in pairs)
     return Acquisition(voltage, current, position, acquisition.clock)
 
 
 def told_filter(own: Filter) -> str:
-    """What to say of a filter that was taken out of the readings."""
+    """What to say of a filter or a delay that was taken out of the readings."""
+    if math.isinf(own.corner_hz):
+        return (
+            f"{COLUMNS[own.channel]} is read {digits(own.late)} of a sample later than the other channels: its readings "
+            "are taken for earlier by that; read them at the same instant"
+        )
     return (
         f"{COLUMNS[own.channel]} comes through a low-pass filter of {digits(own.corner_hz)} Hz, of order {own.order}: taken "
         f"out of its readings; log it without, or with a corner above {digits(FAST_HZ)} Hz"

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from observer_fi.logs.acquisition import STANDING
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
-FEWEST = 100  # time stamps that tell an even clock
 FEWEST_STEPS = 6.0  # that a channel in steps must cover in a log, to tell anything
 AGES = np.append(0, 4 ** np.arange(31))  # ticks that a reading has stood for when it counts again
 
@@ -76,17 +75,3 @@ class Readings:
 def _ticks(c: ChannelTraits, rate_hz: float) -> int:
     """Samples between two updates of a reading, 1 where it is not held."""
     return 1 if c.update_hz is None else max(math.ceil(rate_hz / c.update_hz - 1e-3), 1)
-
-
-def even(t: Array, interval: float, step: float) -> Array:
-    """Time stamps (n,) as they were before they were rounded to multiples of `step`, where the clock was an even one.
-
-    As they are where samples do not stand at multiples of an interval of about `interval` [s].
-    """
-    if t.size < FEWEST or step >= interval:
-        return t
-    for count in (np.arange(t.size), np.round((t - t[0]) / interval)):  # no row is missing, or some are
-        fitted = np.polyval(np.polyfit(count, t, 1), count)
-        if np.abs(t - fitted).max() < step and (np.diff(count) >= 1.0).all():
-            return fitted
-    return t

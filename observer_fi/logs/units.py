@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.logs.command_recovery import ABSENT
+from observer_fi.logs.command_recovery import is_recovered
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
@@ -29,7 +29,7 @@ FAR = 3.0  # a ratio within this factor of a prefix is that prefix: effects and 
 def suspect_units(log: Log, moves: tuple[Segment, ...], model: Model) -> tuple[str, ...]:
     """A note for every channel whose size a rig like `model` cannot produce; none is the usual answer."""
     of_loop = model["Kx"] > 0.0  # another command is made of the rig and the readings
-    logged = not of_loop and not any(note.startswith(ABSENT) for note in log.notes)
+    logged = not of_loop and not is_recovered(log)
     notes = [*_drive_notes(log, model, logged)] if model["Vmax"] > 0.0 and model["Km"] > 0.0 else []
     notes += [*_magnitude_notes(log.z[:, 0], log.z[:, 1]), *_wrap_notes(log.z[:, 2])]
     full = _at_full_speed(log, moves)

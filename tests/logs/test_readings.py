@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_signals import RATE, SIGMA, clean, clock, held, log_of, signal, stepped
 
-from observer_fi.logs.readings import Readings, even
+from observer_fi.logs.clock import even
+from observer_fi.logs.readings import Readings
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
 
 IDEAL = ChannelTraits(0.0, 0.0)

@@ -6,6 +6,7 @@ that is taken out of the readings can say.
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from observer_fi.records import Array
 
 TIME, LATE = "low_pass_s", "low_pass_late_s"
 NAMES = (TIME, LATE)
+DRIVE = (0, 1)  # voltage and current
 _FINE = 0.02  # share of the rows that stand nearer than those of a filter's grid: transients have more than there are samples
 
 
@@ -34,26 +36,36 @@ class Through(NamedTuple):
         for c in self.channels:
             rest = y[0, c]
             even = np.interp(grid, t, y[:, c]) - rest
-            out[:, c] = rest + np.interp(t - values[LATE], grid, self._filtered(even, step, values[TIME]))
+            filtered = self._filtered(even, step, values[TIME]) if self.order else even
+            out[:, c] = rest + np.interp(t - values.get(LATE, 0.0), grid, filtered)
         return out
 
     def _filtered(self, even: Array, step: float, time: float) -> Array:
-        if not self.order:
-            return even
-        poles = [time, 1.0] if self.order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
-        b, a, _ = scipy.signal.cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
-        return np.asarray(scipy.signal.lfilter(np.ravel(b), np.ravel(a), even))
+        return np.asarray(scipy.signal.lfilter(*_sampled(self.order, step, time), even))
 
     def free(self, interval: float) -> list[Free]:
-        """Time constant and delay as parameters of a fit. interval: of samples [s], which a delay is about, or less."""
+        """Time constant and delay as parameters of a fit. interval: of samples [s], which a delay is about, or less.
+
+        Voltage and current that are late together are those of a servo that is late.
+        """
         if not self.order:
             return [Free(LATE, 0.02 * interval, -32.0 * interval, 32.0 * interval)]
+        time = Free(TIME, 0.01 * interval, 0.1 * interval, 100.0 * interval)
+        if self.channels == DRIVE:
+            return [time]
         late = Free(LATE, 0.02 * interval, -4.0 * interval, 4.0 * interval, 0.0, interval)
-        return [Free(TIME, 0.01 * interval, 0.1 * interval, 100.0 * interval), late]
+        return [time, late]
 
     def told(self, values: Mapping[str, float], interval: float) -> LowPasses:
-        """The filters that these values are, of samples with an interval [s]."""
-        if not self.order:
-            return LowPasses()
-        own = LowPass(1.0 / (2.0 * math.pi * values[TIME]), self.order)
-        return LowPasses().of(self.channels, own._replace(late=own.left(interval) + values[LATE] / interval))
+        """The filters and delays that these values are, of samples with an interval [s]."""
+        own = LowPass(1.0 / (2.0 * math.pi * values[TIME]), self.order) if self.order else LowPass()
+        late = own.left(interval) + values.get(LATE, 0.0) / interval
+        return LowPasses().of(self.channels, own._replace(late=late))
+
+
+@lru_cache(maxsize=256)  # a fit asks for one filter at every other constant that it tries
+def _sampled(order: int, step: float, time: float) -> tuple[Array, Array]:
+    """Numerator and denominator of a filter for samples `step` [s] apart, between which readings are straight lines."""
+    poles = [time, 1.0] if order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
+    b, a, _ = scipy.signal.cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
+    return np.ravel(b), np.ravel(a)

@@ -13,14 +13,15 @@ import numpy as np
 
 from observer_fi.learn.gauss_newton import Free, Point
 from observer_fi.learn.joint_likelihood import JointFit, Part, best_point
-from observer_fi.learn.logger.filtered_readings import TIME, Through
+from observer_fi.learn.logger.filtered_readings import DRIVE, LATE, TIME, Through
 from observer_fi.learn.move_data import Experiment, select
 from observer_fi.physics import Model
 from observer_fi.records import Array
 
 # Channels that may have the same filter: current, voltage and current. A filter before the position changes no constant, and
 # one before all looks like a servo that is later.
-GROUPS = ((1,), (0, 1), (0,))
+CURRENT = (1,)
+GROUPS = (CURRENT, DRIVE, (0,))
 TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
 LOOKED_AT = 1.6  # mean square of the normalised residuals of a channel: less leaves nothing for a filter
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
@@ -44,7 +45,10 @@ def needed(fitted: JointFit) -> bool:
 def filter_of(
     parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
 ) -> tuple[Through, dict[str, float]] | None:
-    """The filter of a campaign and the values that fit with it, None where none is told. values: from which fits begin."""
+    """The filter of a campaign and the values that fit with it, None where none is told. values: from which fits begin.
+
+    Or the delay of its current, which nothing of a rig makes: a voltage that is late is a cause, and both are a servo's.
+    """
     starts = _starts(parts)
     if not starts:
         return None
@@ -59,10 +63,17 @@ def filter_of(
     second = [trial.again(one, 2) for one in first[:CLIMBED]]
     best = min(first + second, key=_cost)
     rival = min(none, *delayed, key=_cost)
-    if best.through is None or _cost(best) > _cost(rival) - NOTICED_NATS:
+    if _cost(best) > _cost(rival) - NOTICED_NATS:
+        best = rival
+    known = best.through is not None and (best.through.order > 0 or _is_late_current(best))
+    if not known or best.through is None or _cost(best) > _cost(none) - NOTICED_NATS:
         return None
     left = _misfit(best.point.residuals)
     return (best.through, best.point.values) if left - 1.0 < LEFT * (before - 1.0) else None
+
+
+def _is_late_current(one: Tried) -> bool:
+    return one.through is not None and one.through.channels == CURRENT and one.point.values[LATE] > 0.0
 
 
 def _cost(one: Tried) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from observer_fi.errors import UsageError
 from observer_fi.learn.identification import identified_rig, identify
-from observer_fi.logs import ABSENT
+from observer_fi.logs import is_recovered
 from observer_fi.physics import PARAMETERS, Quantity, Rig
 from observer_fi.records import Log
 
@@ -29,7 +29,7 @@ def with_servo(logs: Sequence[Log], rig: Rig) -> Rig:
             f'rig {rig.name!r} has drive = "{rig.drive}": a servo shows in voltage and commanded speed only'
         )
     for log in logs:
-        if any(note.startswith(ABSENT) for note in log.notes):
+        if is_recovered(log):
             raise UsageError(
                 f"{log.path}: column speed_cmd_rad_s is missing; a servo cannot be learned without it; log it"
             )

@@ -1,0 +1,75 @@
+"""A log on the clock that its logger meant: stamps as they were before they were rounded, and a row for each that is missing.
+
+A row that a logger lost is one whose readings nobody knows, and no end of a move: its command follows from the rows around it.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer_fi.logs.acquisition import clock_of
+from observer_fi.physics import Rig, corners
+from observer_fi.records import SAMPLES, Array, Log
+
+FEWEST = 100  # time stamps that tell an even clock
+GAP = 1.5  # intervals between two samples from which one is missing
+LONGEST_S = 0.05  # of a gap over which the command is known
+
+
+def even(t: Array, interval: float, step: float) -> Array:
+    """Time stamps (n,) as they were before they were rounded to multiples of `step`, where the clock was an even one.
+
+    As they are where samples do not stand at multiples of an interval of about `interval` [s].
+    """
+    if t.size < FEWEST or step >= interval:
+        return t
+    for count in (np.arange(t.size), np.round((t - t[0]) / interval)):  # no row is missing, or some are
+        fitted = np.polyval(np.polyfit(count, t, 1), count)
+        if np.abs(t - fitted).max() < step and (np.diff(count) >= 1.0).all():
+            return fitted
+    return t
+
+
+def on_its_clock(log: Log, rig: Rig) -> Log:
+    """A whole log on an even clock where its stamps are those of one, with a row without readings for each that is missing.
+
+    Gaps longer than `LONGEST_S` stay.
+    """
+    clock = clock_of(log.t)
+    if clock.resolution_s:
+        log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+    missing = _missing(log.t)
+    return _with_rows(log, missing, rig) if missing.size else log
+
+
+def _missing(t: Array) -> Array:
+    """Times of the rows that short gaps of a clock lack."""
+    apart = np.diff(t)
+    interval = float(np.median(apart)) if apart.size else 1.0
+    short = np.flatnonzero((apart > GAP * interval) & (apart < LONGEST_S))
+    lost = np.round(apart[short] / interval).astype(np.int64) - 1
+    within = [t[k] + apart[k] * np.arange(1, n + 1) / (n + 1) for k, n in zip(short, lost, strict=True)]
+    return np.concatenate(within) if within else np.empty(0)
+
+
+def _with_rows(log: Log, missing: Array, rig: Rig) -> Log:
+    """The log with more rows, in which no channel was read; what is commanded there follows from the rows around."""
+    t = np.concatenate((log.t, missing))
+    order = np.argsort(t, kind="stable")
+    unread = np.full(missing.size, np.nan)
+    filled: dict[str, Any] = {"t": missing, "z": np.full((missing.size, 3), np.nan), "force": unread}
+    filled["w_cmd"] = np.interp(missing, *corners(log.t, log.w_cmd, rig.model["accel_cmd"]))
+    every = {name: getattr(log, name) for name in SAMPLES}
+    new: dict[str, Any] = {
+        name: np.concatenate((old, _between(filled.get(name), log.t, old, missing)))[order]
+        for name, old in every.items()
+        if old is not None
+    }
+    return replace(log, **new)
+
+
+def _between(known: NDArray[np.float64] | None, t: Array, old: Array, missing: Array) -> Array:
+    """Values of a column at the missing times: known ones, else on the line between its rows."""
+    return np.interp(missing, t, old) if known is None else known
