@@ -73,7 +73,7 @@ class Log:
         """Median sampling rate [Hz]. Kept: a long log is asked for it at every move."""
         return float(1.0 / np.median(np.diff(self.t))) if self.t.size > 1 else float("nan")
 
-    def part(self, rows: slice) -> "Log":
+    def part(self, rows: slice | NDArray[np.intp]) -> "Log":
         """These samples of every channel; what is said of the whole log stays."""
         given = ((name, getattr(self, name)) for name in SAMPLES)
         cut: dict[str, Any] = {name: None if every is None else every[rows] for name, every in given}

@@ -112,7 +112,7 @@ def improve(
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
     filters = campaign_filters(commanded, rig).told
     taken = [unfiltered(log, filters) for log in commanded]
-    problem = simulated_moves(taken, with_servo(taken, rig), moves, settings)
+    problem = simulated_moves(taken, with_servo(taken, rig), moves, settings, filters)
     ladder = problem.reconsidered(name_causes(problem, progress))
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")

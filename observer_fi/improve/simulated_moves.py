@@ -59,7 +59,7 @@ from observer_fi.learn import (
 from observer_fi.logs import Excitation, excitation, is_recovered, log_segments, moves_from_rest
 from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
-from observer_fi.records import Array, Log, Segment
+from observer_fi.records import Array, Filter, Log, Segment
 
 # Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.
 _PRIORS = {
@@ -74,6 +74,7 @@ _STOPS = {"C": 1.0, "E": 0.2}
 # not worth a refit.
 _PROMISING, _HOPELESS = 0.1, 0.03
 _EXACT = 2  # refits of a round that may be done anew, exactly
+_SECONDS = 2  # causes that are tried beside a first one, where a smooth term explains more than that
 _BEHIND = 0.05  # of its score that a refit may miss
 MOST_ROWS = 120_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
@@ -287,7 +288,7 @@ class SimulatedMoves:
         if not self._matters(fitted, trial.fitted):
             return None
         seen, held_out = self._gain(fitted, trial.fitted)
-        if seen < settings.held_out * trial.gain or self._smooth_is_better(fitted, trial.fitted, trial.gain):
+        if seen < settings.held_out * trial.gain or self._smooth_is_better(fitted, trial):
             return None
         return held_out
 
@@ -318,16 +319,23 @@ class SimulatedMoves:
                 return True
         return False
 
-    def _smooth_is_better(self, before: FitResult, after: FitResult, gain: float) -> bool:
-        """Whether one smooth term explains nearly all that is left where the named cause explains far less."""
-        settings, left = self.settings, raw_excess(self.experiment, before.residuals)
+    def _smooth_is_better(self, before: FitResult, trial: Trial[FitResult]) -> bool:
+        """Whether one smooth term explains nearly all that is left where the cause, or it and a second one, explain far less."""
+        settings, left, gain = self.settings, raw_excess(self.experiment, before.residuals), trial.gain
         if settings.smooth_factor * gain > 1.1 * left:
             return False
         best = smooth_terms(self.experiment, before, left)[0]
         more = best.held_out - gain
-        return more > max(settings.smooth_nats, (settings.smooth_factor - 1.0) * gain) and (
-            best.held_out > settings.smooth_share * left
-        )
+        if more <= max(settings.smooth_nats, (settings.smooth_factor - 1.0) * gain):
+            return False
+        return best.held_out > settings.smooth_share * left and gain + self._second(trial) < best.held_out
+
+    def _second(self, trial: Trial[FitResult]) -> float:
+        """Nats that another cause gains beside that of a trial: two offsets at once look like one smooth torque."""
+        names = [name for name in causes_of(trial.fitted.model) if name not in trial.causes]
+        cover = coverage_of(self.experiment, trial.fitted.model, trial.fitted.nuisance)
+        found = self._refitted(trial.fitted, screen(self.experiment, trial.fitted, names, cover)[:_SECONDS])
+        return max((trial.fitted.objective - result.objective for _, result in found), default=0.0)
 
     def rivals(
         self,
@@ -506,10 +514,14 @@ def simulated_moves(
     rig: Rig,
     moves: Sequence[Sequence[Segment]] | None = None,
     settings: MoveSettings | None = None,
+    filters: Sequence[Filter] = (),
 ) -> SimulatedMoves:
-    """The problem of a rig with a servo. Raises InvalidLogError where no log holds a move."""
+    """The problem of a rig with a servo. filters: that were taken out of the readings.
+
+    Raises InvalidLogError where no log holds a move.
+    """
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
-    experiment = replace(prepare(logs, rig, cut, share_of(cut, MOST_ROWS)), steps=_STEPS)
+    experiment = replace(prepare(logs, rig, cut, share_of(cut, MOST_ROWS), filters), steps=_STEPS)
     experiment = _with_timed_command(experiment, logs, rig)
     model = with_stops(experiment, logs, rig)
     return SimulatedMoves(tuple(logs), rig, experiment, model, settings or MoveSettings())

@@ -13,34 +13,37 @@ import numpy as np
 
 from observer_fi.learn.logger.hum import without_lines
 from observer_fi.logs import Readings as FreshReadings
-from observer_fi.logs import acquisition_of, clock_of, earlier, even, without_spikes
+from observer_fi.logs import acquisition_of, clock_of, earlier, even, timing_doubt, without_spikes
 from observer_fi.numerics import runs
 from observer_fi.physics import Rig
-from observer_fi.records import Acquisition, Array, ChannelTraits, Log
+from observer_fi.records import Acquisition, Array, ChannelTraits, Filter, Log
 
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
 _OFF = 4.0  # standard deviations: a drive that is off drives nothing
 _OFF_S = 0.05
 _FEWEST = 100  # settled samples for an estimate of the noise
+_ALIKE = 1e-3  # rates of one converter, as they are measured
+_MEAN = 4  # samples of which a reading is the mean, from which on it is taken for one
 _NOISE_FLOOR = 0.1  # of the rig file's noise: a log without noise must not weigh without limit
 
 
 class Readings(NamedTuple):
     """The logs with NaN for readings that say nothing new, on an even clock; noise (3,) of what is left; lines of it [Hz].
 
-    jitter_s: of each log's clock. A servo sets its current between samples, and an even clock is as far
-    behind each tick. older_s: by which voltage and current may be older than their rows, where one converter holds both.
+    jitter_s: (3,) of each log's clock, and by what its channels are off in time besides. A servo sets its current between
+    samples, and an even clock is as far behind each tick. older_s: by which voltage and current may be older than their rows,
+    where one converter holds both.
     """
 
     logs: list[Log]
     noise: Array
     hum_hz: tuple[float, ...]
-    jitter_s: list[float]
+    jitter_s: list[Array]
     older_s: float = 0.0
 
 
-def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
-    """What fits may take of some logs of one rig."""
+def readings_to_fit(logs: Sequence[Log], rig: Rig, filters: Sequence[Filter] = ()) -> Readings:
+    """What fits may take of some logs of one rig. filters: that were taken out of their readings."""
     taken, estimates, hum, jitter, older = [], [], [], [], 0.0
     for log in logs:
         acquisition = acquisition_of(log, rig.file_noise_std)
@@ -55,9 +58,10 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
         clock = acquisition.clock
         if clock.resolution_s:
             log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
-        jitter.append(clock_of(log.t).jitter_s)
+        jitter.append(np.hypot(clock_of(log.t).jitter_s, timing_doubt(filters) / log.rate_hz))
         older = max(older, 1.0 / log.rate_hz if _held_together(acquisition) else 0.0)
         fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std).take(log)
+        fresh = without_late_updates(fresh, log, acquisition)
         fresh = in_time(without_spikes(fresh, acquisition), acquisition)
         taken.append(without_drive_off(fresh, acquisition))
     found = np.array([_usual(column) for column in np.array(estimates).T])
@@ -66,11 +70,25 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig) -> Readings:
     return Readings(taken, noise, tuple(hum), jitter, older)
 
 
+def without_late_updates(fresh: Log, log: Log, acquisition: Acquisition) -> Log:
+    """Fresh readings of channels that are held, without those that may have come in a row before, which is missing in the log."""
+    held = np.array([channel.update_hz is not None for channel in acquisition[:3]])
+    unread = ~np.isfinite(log.z).any(axis=1)
+    if not held.any() or not unread.any():
+        return fresh
+    behind = np.concatenate(([False], unread[:-1]))
+    return replace(fresh, z=np.where(behind[:, None] & held, np.nan, fresh.z))
+
+
 def in_time(log: Log, acquisition: Acquisition) -> Log:
-    """The log with the readings that are means of samples at the middle of those, which they are later than."""
-    if all(channel.averaged == 1 for channel in acquisition[:3]):
+    """The log with the readings that are means of samples at the middle of those, which they are later than.
+
+    Means of a few samples are told by the colour of their noise alone, which readings without their filter have as well.
+    """
+    many = [channel.averaged if channel.averaged >= _MEAN else 1 for channel in acquisition[:3]]
+    if max(many) == 1:
         return log
-    late = [0.5 * (channel.averaged - 1) / log.rate_hz for channel in acquisition[:3]]
+    late = [0.5 * (averaged - 1) / log.rate_hz for averaged in many]
     columns = [earlier(log.t, y, by) if by else y for y, by in zip(log.z.T, late, strict=True)]
     return replace(log, z=np.column_stack(columns))
 
@@ -100,8 +118,9 @@ def since_change(t: Array, w_cmd: Array) -> Array:
 
 
 def _held_together(acquisition: Acquisition) -> bool:
-    held = acquisition.voltage.update_hz, acquisition.current.update_hz
-    return None not in held and held[0] == held[1]
+    """Whether one converter reads voltage and current, and holds both."""
+    voltage, current = acquisition.voltage.update_hz, acquisition.current.update_hz
+    return voltage is not None and current is not None and math.isclose(voltage, current, rel_tol=_ALIKE)
 
 
 def _plain(channel: ChannelTraits) -> bool:

@@ -22,7 +22,7 @@ from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rest, Rig, corners, quarters
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
-from observer_fi.records import Array, Log, Segment
+from observer_fi.records import Array, Filter, Log, Segment
 
 REST_S = 0.05  # of the rest before a move: enough samples for its starting point
 TAIL_S = (
@@ -155,16 +155,18 @@ def prepare(
     rig: Rig,
     moves: Sequence[Sequence[Segment]] | None = None,
     share: float | None = None,
+    filters: Sequence[Filter] = (),
 ) -> Experiment:
     """Moves of several logs as one experiment. moves: per log, by default from `moves_from_rest`.
 
+    filters: that were taken out of the readings.
     share: of the moves that is taken (`spread_moves`), by default what `MOST_ROWS` leaves room for.
     A move is used from at most `REST_S` before its start to `TAIL_S` after its stop. Raises InvalidLogError without moves.
     """
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     accel = rig.model["accel_cmd"]
     steepest = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)), initial=0.0)) for log in logs)
-    taken, noise, hum, jitter, older = readings_to_fit(logs, rig)
+    taken, noise, hum, jitter, older = readings_to_fit(logs, rig, filters)
     codes = [log_phases(log, rig.model) for log in logs]
     share = share_of(cut) if share is None else share
     every = [
@@ -253,14 +255,14 @@ def _part(
     number: int,
     m: int,
     segments: Sequence[Segment],
-    doubt: tuple[Array, float],
+    doubt: tuple[Array, Array],
     model: Model,
     phase: NDArray[np.int8],
     dt: float,
 ) -> dict | None:
     """One move as rows of an experiment, or None where it has no rest to start from. taken: readings that count.
 
-    doubt: their noise (3,), and the jitter of their times [s].
+    doubt: their noise, and the jitter of their times [s], (3,) each.
     """
     segment = segments[m]
     rest = max(segment.rest, segment.start - round(REST_S / dt), 0)

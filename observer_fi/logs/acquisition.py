@@ -62,13 +62,19 @@ STUCK, STUCK_FOR = 50, 20
 
 def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
-    part = slice(0, LONGEST)
-    t, z, w = log.t[part], log.z[part], log.w_cmd[part]
+    log = _without_unread(log.part(slice(0, LONGEST)))
+    t, z, w = log.t, log.z, log.w_cmd
     rests = rests_for_noise(log)
     voltage, current, position = (
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
     )
     return Acquisition(voltage, current, position, clock_of(t))
+
+
+def _without_unread(log: Log) -> Log:
+    """The log without rows in which no channel was read: how long a reading is held is told from those that were."""
+    read = np.isfinite(log.z).any(axis=1)
+    return log if read.all() else log.part(np.flatnonzero(read))
 
 
 def rests_for_noise(log: Log) -> list[slice]:

@@ -19,6 +19,7 @@ from observer_fi.records import CHANNELS, Acquisition, Array, Filter, Log
 
 FAST_HZ = 300.0  # corner of a filter that takes away nothing of what is looked for
 FEWEST = 4  # readings that can be interpolated
+TIMED = 0.1  # of a sample by which readings that were taken for earlier may still be late
 BENT = 12.0  # times the median, eight standard deviations of noise
 GAP = 1.5  # intervals between two samples from which one is missing
 
@@ -131,6 +132,12 @@ def unfiltered(log: Log, told: Iterable[Filter]) -> Log:
         if not own.is_none:
             z[:, c] = earlier(log.t, z[:, c], own.late * interval)
     return replace(out, z=z)
+
+
+def timing_doubt(told: Iterable[Filter]) -> Array:
+    """(3,) samples by which the readings of a channel may be off in time once its filter or delay is taken out."""
+    channels = {own.channel for own in told}
+    return np.array([TIMED if name in channels else 0.0 for name in CHANNELS])
 
 
 def earlier(t: Array, y: Array, by: float) -> Array:

@@ -49,7 +49,7 @@ class Through(NamedTuple):
         Voltage and current that are late together are those of a servo that is late.
         """
         if not self.order:
-            return [Free(LATE, 0.02 * interval, -32.0 * interval, 32.0 * interval)]
+            return [Free(LATE, 0.02 * interval, 0.0, 32.0 * interval)]
         time = Free(TIME, 0.01 * interval, 0.1 * interval, 100.0 * interval)
         if self.channels == DRIVE:
             return [time]

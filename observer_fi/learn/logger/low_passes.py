@@ -26,6 +26,7 @@ TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
 LOOKED_AT = 1.6  # mean square of the normalised residuals of a channel: less leaves nothing for a filter
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
+OFFSET = 3e-3  # of the supply, and of what it drives through the winding: one sigma of zero offsets beside a filter
 CLIMBED = 2  # first fits that are looked at closer
 MOVES, AFTER_S = 2, 0.25  # of a campaign, and of each from its start on
 
@@ -52,7 +53,9 @@ def filter_of(
     starts = _starts(parts)
     if not starts:
         return None
-    trial = _Trial(starts, plant, free, values)
+    trial = _Trial(
+        starts, plant, [*free, *_offsets(plant)], {"voltage_offset": 0.0, "current_offset": 0.0, **values}
+    )
     none = trial.tried(None, 0.0)
     before = _misfit(none.point.residuals)
     if before < LOOKED_AT:
@@ -70,6 +73,15 @@ def filter_of(
         return None
     left = _misfit(best.point.residuals)
     return (best.through, best.point.values) if left - 1.0 < LEFT * (before - 1.0) else None
+
+
+def _offsets(plant: Model) -> list[Free]:
+    """Zero offsets of voltage and current, which a filter must not stand for, and whose misfit must not hide one."""
+    volt = OFFSET * plant["Vmax"]
+    ampere = volt / (plant["Rm"] + plant["Rs"])
+    pairs = (("voltage_offset", volt), ("current_offset", ampere))
+    known = plant.effects
+    return [Free(name, 0.01 * std, prior_std=std) for name, std in pairs if name not in known]
 
 
 def _is_late_current(one: Tried) -> bool:
