@@ -170,7 +170,7 @@ def summary(frame: pd.DataFrame) -> str:
         f"Made by `pipelines/workflow_study.py`, seeds {seeds}: {frame['trait'].nunique()} loggers of tests/hidden/loggers.py,",
         "each before rigs of the paper's spread. *Rig file*, *identify*, *improve*: three new moves a rig, one a class, judged",
         "with Table 1 and with what these commands wrote of a healthy campaign of 25 s through the same logger (right: named or",
-        "declared alike). *Control*: `improve` finds nothing on that campaign but what the logger itself does and what has a name",
+        "declared alike). *Control*: `improve` finds nothing on that campaign but what the logger does and has a name",
         "(an offset, a late voltage). *Hidden*: a cause at three times the size that",
         "shows on an ideal logger is found first, or in the first's declared set; loggers with more noise show less. Confident",
         f"and wrong: a label above {CONFIDENT}, or a finding whose set has no hidden cause. {cpu:.0f} CPU-seconds a rig.", "",

@@ -73,11 +73,12 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig, filters: Sequence[Filter] = (
 def without_late_updates(fresh: Log, log: Log, acquisition: Acquisition) -> Log:
     """Fresh readings of channels that are held, without those that may have come in a row before, which is missing in the log."""
     held = np.array([channel.update_hz is not None for channel in acquisition[:3]])
-    unread = ~np.isfinite(log.z).any(axis=1)
+    unread = np.asarray(np.isnan(log.z).all(axis=1))
     if not held.any() or not unread.any():
         return fresh
-    behind = np.concatenate(([False], unread[:-1]))
-    return replace(fresh, z=np.where(behind[:, None] & held, np.nan, fresh.z))
+    z = fresh.z.copy()
+    z[1:][np.outer(unread[:-1], held)] = np.nan
+    return replace(fresh, z=z)
 
 
 def in_time(log: Log, acquisition: Acquisition) -> Log:
