@@ -1,6 +1,7 @@
 """Verdicts through loggers as they are, and on sensors that fail: writes reports/loggers.md.
 
-    python -m pipelines.logger_study [--moves 60] [--traits hum_50hz noise_3+steps_all] [--failing 12] [--out reports/loggers.md]
+    python -m pipelines.logger_study [--moves 60] [--traits hum_50hz noise_3+steps_all] [--failing 12] [--campaigns 500]
+    [--out reports/loggers.md]
 
 Seeds from 90000 on: none of them was looked at while thresholds were set.
 """
@@ -30,8 +31,14 @@ CONFIDENT = 0.95
 EVERY = (*hidden.TRAITS, *hidden.PAIRS, *hidden.TRIPLES)
 
 
+CAMPAIGN = "campaign"
+
+
 class Job(NamedTuple):
-    """One move: the traits of its logger, its class, its seed; of a failing sensor what `draw_failing_case` takes."""
+    """One move: the traits of its logger, its class, its seed; of a failing sensor what `draw_failing_case` takes.
+
+    Or, of the kind `CAMPAIGN`, a healthy campaign: starts and stops at three speeds and three pitches, reversals, rests.
+    """
 
     trait: str
     label: str
@@ -43,17 +50,19 @@ class Job(NamedTuple):
 
 def judged(job: Job) -> dict[str, Any]:
     """Truth and verdict of one move, as a row."""
-    failing = job.label == "sensor_fault"
-    spec = (
-        hidden.draw_failing_case(job.seed, job.kind, job.channel, job.factor)
-        if failing
-        else hidden.draw_move_case(job.seed, job.label)
-    )
-    frame, truth = hidden.make_log_with(job.trait, spec, job.seed)
+    frame, truth = hidden.make_log_with(job.trait, _spec(job), job.seed)
     outcome = diagnose_log(log_from_frame(frame), load_rig(), Settings())
     acquisition = getattr(outcome, "acquisition", None)
     missed = None if acquisition is None else found(truth["acquisition"], acquisition)
     return {**job._asdict(), "missed": missed, **_said(job, outcome, truth, frame["time_s"].iloc[0])}
+
+
+def _spec(job: Job) -> hidden.TruthSpec:
+    if job.kind == CAMPAIGN:
+        return hidden.draw_effects_case(job.seed, (), 0.0)
+    if job.label == "sensor_fault":
+        return hidden.draw_failing_case(job.seed, job.kind, job.channel, job.factor)
+    return hidden.draw_move_case(job.seed, job.label)
 
 
 def _said(job: Job, outcome: Outcome, truth: dict[str, Any], first_s: float) -> dict[str, Any]:
@@ -111,6 +120,20 @@ def failing_jobs(moves: int, factor: float, first: int) -> list[Job]:
     ]
 
 
+def campaign_jobs(campaigns: int, first: int) -> list[Job]:
+    """Healthy campaigns through the loggers that leave the information in, which take turns."""
+    keeps = [name for name in EVERY if hidden.trait_of(name).keeps]
+    return [Job(keeps[k % len(keeps)], "nominal", first + k, CAMPAIGN) for k in range(campaigns)]
+
+
+def of_campaigns(frame: pd.DataFrame) -> str:
+    """How many healthy campaigns were called anything else, and what through which logger."""
+    alarms = frame[frame["said"] != "nominal"]
+    said = ", ".join(f"{row.trait}: {row.said} {row.probability:.3g}" for row in alarms.itertuples())
+    moves = len(hidden.draw_effects_case(0, (), 0.0).profile.moves)
+    return f"{len(alarms)} of {len(frame)} campaigns of {moves} moves each are called anything but nominal. {said}".strip()
+
+
 def by_trait(frame: pd.DataFrame) -> pd.DataFrame:
     """One row a trait: what was said, and what was found of the logger."""
     rows = {}
@@ -159,7 +182,9 @@ def _found(missed: pd.Series) -> str:
 
 def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
     """The report."""
-    through, failing = frame[frame["label"] != "sensor_fault"], frame[frame["label"] == "sensor_fault"]
+    campaigns = frame[frame["kind"] == CAMPAIGN]
+    moves = frame[frame["kind"] != CAMPAIGN]
+    through, failing = moves[moves["label"] != "sensor_fault"], moves[moves["label"] == "sensor_fault"]
     keeps = through["trait"].map(lambda name: hidden.trait_of(name).keeps).astype(bool)
     wrong = ~through["right"] & (through["probability"] > CONFIDENT)
     right = f"{int(through.loc[keeps, 'right'].sum())} of {int(keeps.sum())}"
@@ -176,6 +201,7 @@ def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
         "## Failing sensors, ideal logger", "",
         f"Sizes in sigmas of the channel's noise: {sizes}.", "",
         markdown(by_failure(failing)) if len(failing) else "", "",
+        "## Healthy campaigns", "", of_campaigns(campaigns) if len(campaigns) else "", "",
     )  # fmt: skip
     return "\n".join(lines)
 
@@ -188,6 +214,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--failing", type=int, default=12, help="moves for each way in which each sensor fails"
     )
+    parser.add_argument(
+        "--campaigns", type=int, default=500, help="healthy campaigns, through every logger in turn"
+    )
     parser.add_argument("--factor", type=float, default=3.0, help="size of these failures, in FAILING_SIGMAS")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
@@ -199,6 +228,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     jobs = trait_jobs(options.traits, options.moves, options.first)
     jobs += failing_jobs(options.failing, options.factor, options.first)
+    jobs += campaign_jobs(options.campaigns, options.first)
     frame = study(jobs, options.workers, options.rows, time.monotonic() + 60 * options.minutes)
     options.out.write_text(summary(frame, options.first, options.factor))
     print(f"wrote {options.out}")

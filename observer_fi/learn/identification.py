@@ -463,9 +463,16 @@ def _free(
     offset = math.inf if "torque_offset" in identified else 0.02 * rig.model["A"]
     free.append(Free("torque_offset", 1e-3 * rig.model["A"], prior=0.0, prior_std=offset))
     free += [_effect(n, rig.model[n]) for n in rig.model.effects if n not in (*_TIMING, "torque_offset")]
-    free += [Free(n, 2e-6) for n in values if n.startswith("x_stop")]
+    free += [Free(n, 2e-6, *_travel(material)) for n in values if n.startswith("x_stop")]
     free += [Free(n, 1e-4) for n in values if n.startswith("onset")]
     return free
+
+
+def _travel(material: Sequence[Material]) -> tuple[float, float]:
+    """Positions between which a stop may be [m]: what was covered, and as much beyond on either side."""
+    low = min(float(np.nanmin(k.log.z[:, 2])) for k in material)
+    high = max(float(np.nanmax(k.log.z[:, 2])) for k in material)
+    return 2.0 * low - high, 2.0 * high - low
 
 
 def _effect(name: str, value: float) -> Free:
