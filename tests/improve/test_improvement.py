@@ -7,11 +7,13 @@ import hidden
 import numpy as np
 import pytest
 from campaigns import behind_a_loop, campaign, loop_log
+from hidden.acquisition import ideal
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.improve.diagnosis_gain import DiagnosisGain
 from observer_fi.improve.improvement import Improvement, improve, to_json
 from observer_fi.learn.output_error import whiteness
+from observer_fi.logs import log_from_frame
 from observer_fi.logs.moves import Excitation
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.report.learning import freed_sentence, improve_files, likeness
@@ -142,3 +144,20 @@ def test_a_cause_is_named_behind_a_position_loop():
         found.extended_rig.drive == "position_servo"
         and found.extended.nll_per_sample < found.baseline.nll_per_sample
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [8431, 8432, 8433])
+def test_two_zero_offsets_are_named_although_one_smooth_torque_stands_for_both(seed: int) -> None:
+    """Of a voltage and a current that are off by what the winding makes of each other: the speed is right, the torque is not."""
+    spec = hidden.draw_effects_case(seed, (), 0.0)
+    logger = ideal(spec.logger)
+    zero = {"voltage": 0.036, "current": 0.0018}
+    for channel, offset in zero.items():
+        logger.chains[channel] = replace(logger.chains[channel], offset=offset)
+    found = improve([log_from_frame(hidden.make_log_through(logger, spec, seed)[0])], RIG)
+    sizes = {f.cause: f.parameters for f in found.findings}
+    assert set(sizes) == {"voltage_offset", "current_offset"} and found.unexplained == ()
+    for channel, offset in zero.items():
+        name = f"{channel}_offset"
+        assert sizes[name][name].value == pytest.approx(offset, rel=0.05)

@@ -6,9 +6,11 @@ import hidden
 import numpy as np
 import pytest
 from campaigns import RIG, log_of
+from hidden.acquisition import ideal
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.learn.identification import campaign_filters, identify
+from observer_fi.logs import log_from_frame
 from observer_fi.records import Filter, Log
 
 PROFILE = hidden.there_and_back((410.0, 300.0), (0.6, 0.6), (0.0, 8.0))
@@ -67,3 +69,24 @@ def test_a_filter_before_the_position_changes_no_constant() -> None:
 def test_nothing_is_looked_for_where_no_servo_tells() -> None:
     log = replace(log_of(PROFILE, seed=6), w_cmd=np.zeros(0))
     assert not campaign_filters([log], replace(RIG, drive="voltage")).any
+
+
+def late_current(seed: int, late_s: float, zero: tuple[float, float] = (0.0, 0.0)) -> Log:
+    """A log whose current is so late, behind zero offsets of voltage and current."""
+    spec = hidden.TruthSpec(PROFILE, TRUE)
+    logger = ideal(spec.logger)
+    for channel, offset, delay in (("voltage", zero[0], 0.0), ("current", zero[1], late_s)):
+        logger.chains[channel] = replace(logger.chains[channel], offset=offset, delay_s=delay)
+    return log_from_frame(hidden.make_log_through(logger, spec, seed)[0])
+
+
+# Of multiples of the servo's tick: a current that it holds is as late as the tick in which it was set.
+@pytest.mark.parametrize(
+    "seed, late_s, zero", [(7, 1.25e-4, (0.0, 0.0)), (8, 5e-4, (0.0, 0.0)), (9, 2.5e-4, (0.03, -2e-3))]
+)
+def test_a_late_current_is_told_whatever_the_zeros(
+    seed: int, late_s: float, zero: tuple[float, float]
+) -> None:
+    (own,) = campaign_filters([late_current(seed, late_s, zero)], RIG).told
+    assert own.channel == "current" and np.isinf(own.corner_hz)
+    assert own.late == pytest.approx(late_s * 1600.0, abs=0.05)

@@ -362,3 +362,17 @@ def test_nor_are_three_missing_rows_in_a_hundred() -> None:
 def test_a_clock_of_few_samples_tells_nothing() -> None:
     assert clock_of(clock()[:50])[:2] == (0.0, None)
     assert Acquisition._fields[:3] == CHANNELS
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_in_which_nothing_was_read_change_no_trait(seed: int) -> None:
+    """A logger that leaves cells of a row empty holds its readings as long as one that leaves out the row."""
+    log = signal(seed)
+    log = replace(log, z=log.z[held(log.t.size, 4.0)])
+    lost = np.flatnonzero(np.random.default_rng(seed).random(log.t.size) < 0.03)
+    empty = log.z.copy()
+    empty[lost] = np.nan
+    rows = np.setdiff1d(np.arange(log.t.size), lost)
+    told, without = traits_of(replace(log, z=empty)), traits_of(log.part(rows))
+    assert told == without
+    assert told.voltage.update_hz == pytest.approx(400.0, rel=1e-4)

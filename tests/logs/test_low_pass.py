@@ -11,7 +11,17 @@ from logged_signals import RATE, log_of, signal
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.logs.acquisition import with_logger
-from observer_fi.logs.low_pass import LowPass, LowPasses, Unfiltered, filtered_logger, told_filter, unfiltered
+from observer_fi.logs.low_pass import (
+    TIMED,
+    LowPass,
+    LowPasses,
+    Unfiltered,
+    earlier,
+    filtered_logger,
+    timing_doubt,
+    told_filter,
+    unfiltered,
+)
 from observer_fi.physics.rigs import load_rig, rig_toml
 from observer_fi.records import Filter
 
@@ -78,3 +88,37 @@ def test_a_rig_file_carries_the_corner(tmp_path: Path) -> None:
     assert again.logger is not None and again.logger.current.low_pass_hz == 30.0
     assert again.logger.voltage.low_pass_hz is None
     assert told_filter(told[0]).startswith("current_a comes through a low-pass filter of 30 Hz, of order 1")
+
+
+@pytest.mark.parametrize("rate, late", [(1600.0, 0.25), (200.0, 0.6), (1000.0, 15.5)])
+def test_readings_are_taken_for_earlier_by_a_polynomial(rate: float, late: float) -> None:
+    t = 3.0 + np.arange(400) / rate
+    curve = np.polynomial.Polynomial([0.3, -2.0, 5.0, 40.0], domain=[t[0], t[-1]], window=[-1.0, 1.0])
+    moved = earlier(t, curve(t), late / rate)
+    within = t + late / rate <= t[-1]
+    np.testing.assert_allclose(moved[within], curve(t + late / rate)[within], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_corner_between_samples_is_left_out_and_noise_is_not(seed: int) -> None:
+    t = np.arange(3000) / 1600.0
+    noise = np.random.default_rng(seed).normal(0.0, 3e-4, t.size)
+    y = np.maximum(t - 1.0003, 0.0) * 60.0
+    moved = earlier(t, y + noise, 0.25 / 1600.0)
+    left_out = np.flatnonzero(np.isnan(moved))
+    assert left_out.size <= 6 and abs(t[left_out] - 1.0003).max() < 4.0 / 1600.0
+    error = moved - np.maximum(t + 0.25 / 1600.0 - 1.0003, 0.0) * 60.0
+    assert np.nanmax(np.abs(error[:-1])) < 6.0 * 3e-4  # nothing is known behind the last
+
+
+def test_missing_readings_stay_missing() -> None:
+    t = np.arange(100) / 1600.0
+    y = np.sin(t)
+    y[40] = np.nan
+    moved = earlier(t, y, 0.25 / 1600.0)
+    assert set(np.flatnonzero(np.isnan(moved))) == {38, 39, 40, 41}
+
+
+def test_only_channels_behind_a_filter_may_be_off_in_time() -> None:
+    np.testing.assert_array_equal(timing_doubt([Filter("current", 30.0, 1, 0.2)]), [0.0, TIMED, 0.0])
+    np.testing.assert_array_equal(timing_doubt([]), np.zeros(3))

@@ -25,6 +25,7 @@ GROUPS = (CURRENT, DRIVE, (0,))
 TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
 LOOKED_AT = 1.6  # mean square of the normalised residuals of a channel: less leaves nothing for a filter
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
+FASTEST = 0.11  # samples of a time constant that is at its bound
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
 OFFSET = 3e-3  # of the supply, and of what it drives through the winding: one sigma of zero offsets beside a filter
 CLIMBED = 2  # first fits that are looked at closer
@@ -64,7 +65,7 @@ def filter_of(
     first = [trial.tried(Through(channels, 1), time) for channels in GROUPS for time in TIMES]
     first.sort(key=_cost)
     second = [trial.again(one, 2) for one in first[:CLIMBED]]
-    best = min(first + second, key=_cost)
+    best = min((one for one in first + second if not trial.is_none(one)), key=_cost, default=none)
     rival = min(none, *delayed, key=_cost)
     if _cost(best) > _cost(rival) - NOTICED_NATS:
         best = rival
@@ -106,6 +107,10 @@ class _Trial:
     ) -> None:
         self.starts, self.plant, self.free, self.values = starts, plant, free, values
         self.interval = float(np.median(np.diff(starts[0].experiment.t[starts[0].experiment.weight.any(1)])))
+
+    def is_none(self, one: Tried) -> bool:
+        """Whether a filter has gone as fast as it may: what is left of it is a delay."""
+        return one.point.values[TIME] < FASTEST * self.interval
 
     def tried(self, through: Through | None, samples: float) -> Tried:
         """The fit with a filter, from a time constant of so many samples on."""
