@@ -89,9 +89,8 @@ class Experiment:
         rests = [slice(int(b), int(b + n)) for b, n in zip(self.bounds[:-1], self.moving, strict=True)]
         readings = np.array([(self.weight[rest, 1:] > 0.0).sum(axis=0) for rest in rests])
         std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(readings, 1))
-        std[readings[:, 0] == 0, 0] = float(
-            np.abs(self.z[:, 1]).max()
-        )  # a drive that is off holds what it held before
+        # A drive that is off holds what it held before.
+        std[readings[:, 0] == 0, 0] = float(np.abs(self.z[:, 1]).max())
         std[self.before == 0.0, 1] = _UNKNOWN_PLAY
         return std
 

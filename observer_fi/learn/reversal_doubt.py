@@ -23,10 +23,9 @@ CAUGHT_A = (
     2e-3  # 1-sigma of the current in the rest after a stop: it depends on the instant when friction catches
 )
 _LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the noise
-_ROWS = (
-    3  # samples on either side of a reversal that tell its slope: ten times the slope's noise at `_LEAST`,
-)
-_NEAR_S = 2e-3  # and as many of a slow log as lie so near, where the slope is still that of the reversal
+# Samples on either side of a reversal that tell its slope, ten times the slope's noise at `_LEAST`; of a slow log as many as
+# lie so near, where the slope is still that of the reversal [s].
+_ROWS, _NEAR_S = 3, 2e-3
 _APART_S = 5e-3
 _FULL = 0.98  # of the highest voltage seen: the supply is at its limit
 _STILL = 3.0  # rad/s: five times the noise of the measured speed
