@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.learn.logger.hum import without_lines
 from observer_fi.logs import Readings as FreshReadings
@@ -21,6 +22,7 @@ from observer_fi.records import Acquisition, Array, ChannelTraits, Filter, Log
 _SETTLED_S = 0.3  # after a corner of the command: only noise is left in second differences
 _OFF = 4.0  # standard deviations: a drive that is off drives nothing
 _OFF_S = 0.05
+_HOLE = 3  # samples of a drive that is off that look as if it were not
 _FEWEST = 100  # settled samples for an estimate of the noise
 _ALIKE = 1e-3  # rates of one converter, as they are measured
 _MEAN = 4  # samples of which a reading is the mean, from which on it is taken for one
@@ -101,7 +103,8 @@ def without_drive_off(log: Log, acquisition: Acquisition) -> Log:
     """
     zero = np.array([acquisition.voltage.offset, acquisition.current.offset])
     noise = np.array([math.hypot(c.noise_std, c.resolution or 0.0) for c in acquisition[:2]])
-    off = (np.abs(log.z[:, :2] - zero) <= _OFF * noise).all(axis=1) & (log.w_cmd == 0.0)
+    still = log.w_cmd == 0.0
+    off = _closed((np.abs(log.z[:, :2] - zero) <= _OFF * noise).all(axis=1) & still) & still
     long = [(a, b) for a, b in zip(*runs(off), strict=True) if log.t[b - 1] - log.t[a] > _OFF_S]
     if not any((log.w_cmd[:first] != 0.0).any() for first, _ in long):
         return log
@@ -109,6 +112,15 @@ def without_drive_off(log: Log, acquisition: Acquisition) -> Log:
     for first, last in long:
         z[first:last, :2] = np.nan
     return replace(log, z=z)
+
+
+def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The mask (n,) with its shortest holes filled: a reading in many is far off."""
+    closed = mask.copy()
+    for first, last in zip(*runs(~mask), strict=True):
+        if last - first <= _HOLE and first > 0 and last < mask.size:
+            closed[first:last] = True
+    return closed
 
 
 def since_change(t: Array, w_cmd: Array) -> Array:

@@ -15,6 +15,12 @@ from observer_fi.records import SAMPLES, Array, Log
 
 FEWEST = 100  # time stamps that tell an even clock
 GAP = 1.5  # intervals between two samples from which one is missing
+WINDOW, FOLLOWS = 20, 0.3  # samples that tell an interval; share of a stamp's error that a clock follows
+STAMPS_S, COARSE, ALIKE = (
+    (1e-2, 1e-3, 1e-4, 1e-5),
+    20.0,
+    0.02,
+)  # steps of stamps [s], of which an interval is fewer; of one
 LONGEST_S = 0.05  # of a gap over which the command is known
 
 
@@ -25,11 +31,34 @@ def even(t: Array, interval: float, step: float) -> Array:
     """
     if t.size < FEWEST or step >= interval:
         return t
-    for count in (np.arange(t.size), np.round((t - t[0]) / interval)):  # no row is missing, or some are
-        fitted = np.polyval(np.polyfit(count, t, 1), count)
+    for counted in (_every, _rounded, _tracked):
+        count = counted(t, interval)
+        fitted = np.asarray(np.polyval(np.polyfit(count, t, 1), count), dtype=np.float64)
         if np.abs(t - fitted).max() < step and (np.diff(count) >= 1.0).all():
             return fitted
     return t
+
+
+def _every(t: Array, interval: float) -> Array:
+    """(n,) numbers of the samples where no row is missing."""
+    return np.arange(t.size).astype(np.float64)
+
+
+def _rounded(t: Array, interval: float) -> Array:
+    """(n,) numbers of the samples of a clock whose interval is known."""
+    return np.round((t - t[0]) / interval).astype(np.float64)
+
+
+def _tracked(t: Array, interval: float) -> Array:
+    """(n,) numbers of the samples where rows are missing and the interval is known about: by a clock that follows the stamps."""
+    interval = _usual(t)
+    count, number, at = np.zeros(t.size), 0.0, float(t[0])
+    for k, stamp in enumerate(t[1:].tolist(), 1):
+        ahead = max(round((stamp - at) / interval), 1)
+        number, at = number + ahead, at + ahead * interval
+        at += FOLLOWS * (stamp - at)
+        count[k] = number
+    return count
 
 
 def on_its_clock(log: Log, rig: Rig) -> Log:
@@ -38,10 +67,34 @@ def on_its_clock(log: Log, rig: Rig) -> Log:
     Gaps longer than `LONGEST_S` stay.
     """
     clock = clock_of(log.t)
-    if clock.resolution_s:
-        log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+    step = clock.resolution_s or _step_of(log.t)
+    if step:
+        t = even(log.t, clock.interval_s if clock.resolution_s else _usual(log.t), step)
+        if t is log.t:
+            return log  # a gap may be of the rounding
+        log = replace(log, t=t)
     missing = _missing(log.t)
     return _with_rows(log, missing, rig) if missing.size else log
+
+
+def _usual(t: Array) -> float:
+    """The interval of a clock whose stamps are rounded [s]: the mean of a few, where most of these lack no row."""
+    return float(np.median((t[WINDOW:] - t[:-WINDOW]) / WINDOW))
+
+
+def _step_of(t: Array) -> float | None:
+    """The power of ten to which stamps are rounded, so coarsely that intervals are no multiples of one; None for finer ones."""
+    if t.size < FEWEST:
+        return None
+    interval, apart = _usual(t), np.diff(t)
+    for one in (interval, float(np.median(apart))):
+        if np.abs(apart / one - np.round(apart / one)).max() < ALIKE:
+            return None
+    for step in STAMPS_S:
+        ticks = (t - t[0]) / step
+        if step < interval < COARSE * step and np.abs(ticks - np.round(ticks)).max() < ALIKE:
+            return step
+    return None
 
 
 def _missing(t: Array) -> Array:

@@ -145,14 +145,14 @@ def earlier(t: Array, y: Array, by: float) -> Array:
 
     The polynomial through the four readings around: what it does to noise is the same everywhere.
     """
-    if t.size < FEWEST:
+    if t.size < FEWEST or by == 0.0:
         return y
     at = t + by
     first = np.clip(np.searchsorted(t, at, side="right") - 2, 0, t.size - FEWEST)
     nodes = first[:, None] + np.arange(FEWEST)
     moved = np.einsum("nk,nk->n", _lagrange(t[nodes], at), y[nodes])
     outside = (at < t[0]) | (at > t[-1])
-    return np.where(np.isnan(y) | _bent(y)[nodes].any(axis=1), np.nan, np.where(outside, y, moved))
+    return np.where(np.isnan(y) | outside | _bent(y)[nodes].any(axis=1), np.nan, moved)
 
 
 def _lagrange(nodes: Array, at: Array) -> Array:

@@ -1,10 +1,16 @@
-"""What a refit may move: the stops stay on their own sides."""
+"""What a refit may move: the stops stay on their own sides, the age of held readings is open, and what it says of makers."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
+import hidden
+import numpy as np
 import pytest
+from campaigns import log_of
 
-from observer_fi.improve.simulated_moves import base_parameters
+from observer_fi.improve.simulated_moves import MoveSettings, SimulatedMoves, base_parameters
+from observer_fi.learn import prepare
 from observer_fi.physics.rigs import load_rig, override
 
 RIG = load_rig()
@@ -25,3 +31,35 @@ def test_a_single_stop_is_free_and_none_is_none():
     assert stops(x_stop_high=6e-4) == {"x_stop_high": (-1.0, 1.0)}
     assert stops() == {}
     assert all(math.isfinite(f.step) for f in base_parameters(RIG, RIG.model))
+
+
+@pytest.mark.parametrize("older_s", [1.0 / 1600.0, 1.0 / 400.0])
+def test_readings_that_a_converter_holds_may_be_as_old_as_a_row(older_s: float):
+    """Anywhere between fresh and a whole row old, on top of what lies between servo and logger."""
+    fresh, held = ({f.name: f for f in base_parameters(RIG, RIG.model, older)} for older in (0.0, older_s))
+    assert {name for name in fresh if fresh[name] != held[name]} == {"tick_phase"}
+    usual, older = fresh["tick_phase"], held["tick_phase"]
+    assert base_parameters(RIG, RIG.model) == tuple(fresh.values())
+    assert (older.low, older.high) == (usual.low, usual.high + older_s)
+    for age in (0.0, older_s):
+        assert abs(usual.prior + age - older.prior) < 2.0 * older.prior_std
+    assert older.prior == pytest.approx(usual.prior + 0.5 * older_s)
+    assert older.prior_std**2 == pytest.approx(usual.prior_std**2 + older_s**2 / 12.0)
+
+
+@pytest.mark.parametrize("name, equation", [("Rm", "electrical"), ("Km", "electrical"), ("D", "kinematics")])
+def test_of_a_winding_only_a_voltage_says_that_its_maker_is_wrong(name: str, equation: str):
+    log = log_of(hidden.single_move(410.0, 0.4))
+    z = log.z.copy()
+    z[:, 0] = np.nan
+    free = base_parameters(RIG, RIG.model)
+    prior = next(f for f in free if f.name == name)
+    said = {}
+    for off in (4.0, 6.0):
+        model = override(RIG.model, "bent", **{name: prior.prior + off * prior.prior_std})
+        for voltage, read in ((True, log), (False, replace(log, z=z))):
+            problem = SimulatedMoves((read,), RIG, prepare([read], RIG), RIG.model, MoveSettings())
+            said[off, voltage] = problem._bent(SimpleNamespace(free=free, model=model))
+    assert said[4.0, True] == said[4.0, False] == ()
+    assert said[6.0, True] == (equation,)
+    assert said[6.0, False] == (() if equation == "electrical" else (equation,))

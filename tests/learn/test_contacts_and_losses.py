@@ -111,6 +111,14 @@ def test_a_torque_that_pulls_is_no_stop(free):
     assert find_stops(prepare([replace(free, z=z)], RIG), RIG) == PAPER
 
 
+@pytest.mark.parametrize("offset", [2e-3, -2e-3, 8e-3])
+def test_an_offset_of_the_current_is_no_stop(free, offset: float):
+    """With as many moves forth as back it would be a stop beyond the travel, whose depth is nearly the same everywhere."""
+    z = free.z.copy()
+    z[:, 1] += offset
+    assert find_stops(prepare([replace(free, z=z)], RIG), RIG) == PAPER
+
+
 def test_a_log_too_short_for_steady_motion_says_nothing():
     log = log_of(hidden.there_and_back((410.0,), (0.3,), (0.0,)), seed=4)
     assert find_stops(prepare([log], RIG), RIG) == PAPER

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import hidden
 import numpy as np
@@ -14,6 +15,7 @@ from observer_fi.learn.contacts_and_losses import Breaks
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.learn.identification import identified_rig, identify, residuals_by_phase
 from observer_fi.learn.joint_likelihood import Z95, fit_parts, part_of, predict, profile_interval
+from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig, rig_toml
 from observer_fi.records import Fit, Log
 from pipelines import identify_study as study
@@ -165,6 +167,25 @@ def test_a_move_with_a_gap_is_left_out(campaign):
     part = part_of(holed, PAPER, 0, NOTHING)
     assert part is not None and whole is not None
     assert part.experiment.moves == whole.experiment.moves - 1
+
+
+@cache
+def widths(profile: hidden.Profile, seed: int) -> dict[str, float]:
+    """Standard errors through an ideal logger."""
+    return {p.name: p.std for p in identify([log_of(profile, seed=seed)], PAPER).parameters}
+
+
+@pytest.mark.parametrize("trait, wider", [("missing_rows", 1.1), ("milliseconds", 1.8), ("hum_50hz", 1.2)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_through_a_logger_as_it_is_the_rig_is_the_same(trait: str, wider: float, seed: int):
+    """And its intervals hardly wider: half of the rows of 1600 Hz are left in milliseconds."""
+    profile = hidden.there_and_back((410.0, 300.0), (0.6, 0.6), (0.0, 8.0))
+    usual = widths(profile, seed)
+    frame, _ = hidden.make_log_with(trait, hidden.TruthSpec(profile), seed)
+    found = {p.name: p for p in identify([log_from_frame(frame)], PAPER).parameters}
+    for name in ("J", "A", "Kp", "Ki", "Rm", "Km"):
+        assert found[name].value == pytest.approx(getattr(hidden.TABLE_1, name), rel=2e-3), name
+        assert found[name].std < wider * usual[name], name
 
 
 def test_missing_samples_carry_no_weight(rig, campaign):

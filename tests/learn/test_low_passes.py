@@ -1,5 +1,6 @@
 """Campaigns through filters: constants are those of the rig, and the filter is told. The truth is the independent one."""
 
+import math
 from dataclasses import replace
 
 import hidden
@@ -9,7 +10,13 @@ from campaigns import RIG, log_of
 from hidden.acquisition import ideal
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from observer_fi.learn.identification import campaign_filters, identify
+from observer_fi.learn.contacts_and_losses import Breaks
+from observer_fi.learn.gauss_newton import Free, Point
+from observer_fi.learn.identification import TIMING, campaign_filters, identify
+from observer_fi.learn.joint_likelihood import part_of
+from observer_fi.learn.logger import low_passes
+from observer_fi.learn.logger.filtered_readings import LATE, TIME, Through
+from observer_fi.learn.logger.low_passes import FASTEST, LOOKED_AT, NOTICED_NATS, Tried, filter_of
 from observer_fi.logs import log_from_frame
 from observer_fi.records import Filter, Log
 
@@ -90,3 +97,117 @@ def test_a_late_current_is_told_whatever_the_zeros(
     (own,) = campaign_filters([late_current(seed, late_s, zero)], RIG).told
     assert own.channel == "current" and np.isinf(own.corner_hz)
     assert own.late == pytest.approx(late_s * 1600.0, abs=0.05)
+
+
+# --- what is no filter ----------------------------------------------------------------------------
+
+START = hidden.single_move(410.0, 0.4, pitch_deg=8.0)
+
+
+def late(channels: tuple[str, ...], samples: float, seed: int, profile: hidden.Profile = START) -> Log:
+    """Some channels read so much later, between the samples that a logger takes: the truth has every step of them.
+
+    A current changes at the ticks of its servo, five in a sample: later within a tick is no later.
+    """
+    spec = hidden.TruthSpec(profile)
+    acquisition = ideal(spec.logger)
+    chains = dict(acquisition.chains)
+    for name in channels:
+        chains[name] = replace(chains[name], delay_s=samples / spec.logger.rate_hz)
+    return log_from_frame(hidden.make_log_through(replace(acquisition, chains=chains), spec, seed)[0])
+
+
+def found_in(log: Log) -> tuple[Through, dict[str, float]] | None:
+    """The filter of a log whose rig is known but for what its readings say of it."""
+    part = part_of(log, RIG, 0, Breaks(None, None, None))
+    assert part is not None
+    start = {name: RIG.model[name] for name in ("J", "A", "Kp", "Ki", "Rm", "Km", "Rs", "Vmax")}
+    free = [*(Free(name, 1e-3 * value) for name, value in start.items()), *TIMING]
+    return filter_of([part], RIG.model, free, {**start, "servo_delay": 6e-5, "input_delay": 0.0})
+
+
+@pytest.mark.parametrize("offsets, seed", [((60e-3, -4e-3), 4), ((0.0, 6e-3), 5)])  # V, A
+def test_zero_offsets_are_no_filter(offsets: tuple[float, float], seed: int) -> None:
+    log = log_of(START, seed=seed)
+    assert found_in(replace(log, z=log.z + [*offsets, 0.0])) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_zero_offsets_hide_no_filter(seed: int) -> None:
+    log = log_of(PROFILE, seed=seed)
+    found = found_in(behind(replace(log, z=log.z + [0.0, 8e-3, 0.0]), (1,), 100.0, 2))
+    assert found is not None and found[0] == Through((1,), 2)
+    assert 1.0 / (2.0 * math.pi * found[1][TIME]) == pytest.approx(100.0, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [0.2, 0.4, 2.0, 5.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_constants_beside_a_late_current_are_those_of_the_rig(samples: float, seed: int) -> None:
+    """A fifth of a sample makes Kp 1 % wrong."""
+    fit = identify([late(("current",), samples, seed, PROFILE)], RIG)
+    assert fit.filters == (Filter("current", math.inf, 1, pytest.approx(samples, abs=0.02)),)
+    found = {p.name: p.value for p in fit.parameters}
+    for name in ("J", "A", "Kp", "Ki", "Rm", "Km"):
+        assert found[name] == pytest.approx(getattr(TRUE, name), rel=3e-3), name
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [("voltage", "current"), ("position",), pytest.param(("voltage",), marks=pytest.mark.slow)],
+)
+def test_what_else_is_late_is_a_cause_or_the_servo(channels: tuple[str, ...]) -> None:
+    assert found_in(late(channels, 2.0, 3)) is None
+
+
+NATS = 1e4  # that a fit without a filter is off
+CURRENT_LATE, VOLTAGE_LATE, BOTH_LATE = ((Through(channels, 0), 1e-3) for channels in ((1,), (0,), (0, 1)))
+FILTERED, FAST = (Through((1,), 1), 0.0), (Through((0,), 1), -1e-3)
+
+
+@pytest.mark.parametrize(
+    "costs, told",
+    [
+        ({CURRENT_LATE: 0.0}, CURRENT_LATE),
+        ({VOLTAGE_LATE: 0.0}, None),
+        ({BOTH_LATE: 0.0}, None),
+        ({CURRENT_LATE: NATS - 0.9 * NOTICED_NATS}, None),
+        ({CURRENT_LATE: NATS - 1.1 * NOTICED_NATS}, CURRENT_LATE),
+        ({CURRENT_LATE: 1.1 * NOTICED_NATS, FILTERED: 0.0}, FILTERED),
+        ({CURRENT_LATE: 0.9 * NOTICED_NATS, FILTERED: 0.0}, CURRENT_LATE),
+        ({VOLTAGE_LATE: 0.9 * NOTICED_NATS, FILTERED: 0.0}, None),
+        ({FILTERED: 0.0}, FILTERED),
+        ({CURRENT_LATE: NOTICED_NATS, FAST: -NOTICED_NATS}, CURRENT_LATE),
+        ({FAST: 0.0}, None),
+    ],
+)
+def test_of_trials_the_simplest_that_is_clearly_better_is_told(
+    costs: dict, told: tuple[Through, float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """costs: nats of the trials that are better than no filter; each of them leaves the noise and nothing else.
+
+    FAST is as fast as it may be, and early besides: an early voltage is as good as a late current.
+    """
+
+    class Trials:
+        interval = 1.0
+        is_none = low_passes._Trial.is_none
+
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def tried(self, through: Through | None, samples: float) -> Tried:
+            own = [(by, cost) for (other, by), cost in costs.items() if other == through]
+            late_s, cost = own[0] if own else (0.0, NATS)
+            left = np.full((1, 3), 1.0 if own else 10.0 * LOOKED_AT)
+            values = {LATE: late_s, TIME: (0.9 if late_s < 0.0 else 1.1) * FASTEST}
+            return Tried(through, Point(values, np.zeros((1, 2)), left, cost))
+
+        def again(self, one: Tried, order: int) -> Tried:
+            return self.tried(one.through and one.through._replace(order=order), 0.0)
+
+    monkeypatch.setattr(low_passes, "_Trial", Trials)
+    monkeypatch.setattr(low_passes, "_starts", list)
+    found = filter_of([None], RIG.model, [], {})
+    assert (found and (found[0], found[1][LATE])) == told

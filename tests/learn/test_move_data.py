@@ -1,9 +1,14 @@
 """Simulations side by side against one after another."""
 
+from dataclasses import replace
+
+import hidden
 import numpy as np
 import pytest
+from campaigns import log_of
 
 from observer_fi.learn import move_data as ex
+from observer_fi.logs.ingest import log_from_frame
 from observer_fi.logs.moves import Phase, log_phases, moves_from_rest
 from observer_fi.physics import simulation as sim
 from observer_fi.physics.rigs import Model, load_rig, override
@@ -96,3 +101,49 @@ def test_too_many_moves_are_drawn_from_the_whole_of_a_log(monkeypatch: pytest.Mo
     assert 0.25 < drawn_moves.size / len(many) < 0.33
     assert np.histogram(drawn_moves, 6, (0, len(many)))[0].min() > 15  # from everywhere
     assert np.bincount(drawn_moves % 3).min() > 40  # and of every kind
+
+
+# --- how much a reading counts -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slope", [150.0, -800.0])  # V/s
+@pytest.mark.parametrize("jitter", [0.0, 0.02, 0.05])  # of a sampling interval
+def test_what_changes_fast_counts_less_where_the_clock_jitters(slope: float, jitter: float) -> None:
+    log = moves()
+    late = jitter / log.rate_hz * np.random.default_rng(1).standard_normal(log.t.size).clip(-3.0, 3.0)
+    t = log.t + late
+    z = log.z.copy()
+    z[:, 0] += np.where(log.w_cmd != 0.0, slope * t - z[:, 0], 0.0)
+    experiment = ex.prepare([replace(log, t=t, z=z)], RIG)
+    off = slope * jitter / log.rate_hz  # of a voltage that is read so late
+    steep = np.concatenate([np.abs(experiment.w_cmd(m)) > 0.0 for m in range(experiment.moves)])
+    weight = np.median(experiment.weight[steep, 0])
+    assert weight == pytest.approx(1.0 / np.hypot(experiment.noise[0], off), rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_an_even_clock_every_reading_counts_alike(seed: int) -> None:
+    experiment = ex.prepare([log_of(SHORT, seed=seed)], RIG)
+    for c in range(3):
+        weight = experiment.weight[:, c]
+        np.testing.assert_allclose(weight[weight > 0.0], 1.0 / experiment.noise[c], rtol=1e-12)
+
+
+SHORT = hidden.there_and_back((410.0, 300.0), (0.4, 0.4), (0.0, 8.0))
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_drive_that_is_off_leaves_open_what_it_holds_next(seed: int) -> None:
+    """Its readings say zero, and as soon as it is on it has to hold the mass: anything up to what it ever drove."""
+    spec = hidden.TruthSpec(SHORT)
+    off = ex.prepare([log_from_frame(hidden.make_log_with("drive_off", spec, seed)[0])], RIG)
+    on = ex.prepare([log_of(SHORT, seed=seed)], RIG)
+    np.testing.assert_allclose(off.nuisance_std[:, 0], np.abs(off.z[:, 1]).max())
+    assert (on.nuisance_std[:, 0] < 1e-4).all()
+    np.testing.assert_allclose(off.nuisance_std[:, 1], on.nuisance_std[:, 1], rtol=0.1)
+
+
+@pytest.mark.parametrize("rate, every", [(200.0, True), (400.0, True), (800.0, False), (1600.0, False)])
+def test_a_slow_log_is_integrated_in_fine_steps_throughout(rate: float, every: bool) -> None:
+    experiment = ex.prepare([log_of(SHORT, logger=hidden.Logger(rate_hz=rate))], RIG)
+    assert experiment.fine.any() and experiment.fine.all() == every

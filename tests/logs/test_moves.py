@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenarios import END_S, RATE_HZ, SPEED, START_S, STOP_S, healthy_move
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.command_recovery import recover_command, with_command
+from observer_fi.logs.command_recovery import is_recovered, recover_command, with_command
 from observer_fi.logs.moves import (
     Phase,
     excitation,
@@ -276,6 +276,16 @@ def test_only_a_command_that_is_missing_is_recovered() -> None:
     assert with_command(still, RIG) is still
     found = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), RIG)
     assert np.abs(found.w_cmd - log.w_cmd).max() < ACCEL / RATE_HZ
+
+
+def test_a_log_says_whether_its_command_was_recovered() -> None:
+    log = healthy_log()
+    assert not is_recovered(log)
+    assert not is_recovered(replace(log, notes=("unit of current_a looks like mA",)))
+    blank = replace(log, w_cmd=np.full(log.t.size, np.nan), notes=("another note",))
+    assert is_recovered(recover_command(blank, MODEL)) and is_recovered(with_command(blank, RIG))
+    assert is_recovered(with_command(with_command(blank, RIG), RIG))
+    assert not is_recovered(with_command(log, RIG))
 
 
 def test_a_rig_without_a_motor_has_no_command_to_recover() -> None:

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_signals import RATE, SIGMA, clean, clock, held, log_of, signal, stepped
 
-from observer_fi.logs.clock import even
 from observer_fi.logs.readings import Readings
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
 
@@ -129,36 +128,3 @@ def test_chunks_make_no_difference(cuts: list[int], hz: float | None, coarse: bo
         for a, b in zip(edges[:-1], edges[1:], strict=True)
     ]
     np.testing.assert_array_equal(np.concatenate([part.z for part in parts]), one.take(log).z)
-
-
-# --- time stamps ---------------------------------------------------------------------------------
-
-
-def test_rounded_stamps_of_an_even_clock_are_made_even() -> None:
-    true = clock(2.0, 800.0) + 3.0
-    out = even(np.round(true, 3), 1.0 / 800.0, 1e-3)
-    assert np.abs(out - true).max() < 0.51e-3  # a phase within a stamp's step cannot be known
-    assert np.ptp(out - true) < 1e-5 and (np.diff(out) > 0.0).all()
-
-
-@given(share=st.floats(0.0, 0.1), seed=st.integers(0, 50))
-def test_also_where_rows_are_missing(share: float, seed: int) -> None:
-    true = clock(2.0, 800.0)
-    true = true[np.random.default_rng(seed).random(true.size) >= share]
-    out = even(np.round(true, 3), 1.0 / 800.0, 1e-3)
-    assert (np.diff(out) > 0.0).all() and np.abs(out - true).max() < 0.6e-3
-
-
-@given(seed=st.integers(0, 50), wander=st.floats(0.0, 0.3))
-def test_the_result_always_increases(seed: int, wander: float) -> None:
-    """A clock that is not even stays as it is."""
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(1.25e-3 * (1.0 + wander * rng.uniform(-1.0, 1.0, 900)))
-    stamps = np.unique(np.round(t, 3))
-    assert (np.diff(even(stamps, 1.25e-3, 1e-3)) > 0.0).all()
-
-
-def test_few_stamps_and_steps_of_a_whole_interval_stay_as_they_are() -> None:
-    t = np.round(clock(2.0, 800.0), 3)
-    assert even(t[:99], 1.25e-3, 1e-3).base is t or np.array_equal(even(t[:99], 1.25e-3, 1e-3), t[:99])
-    assert even(t, 1e-3, 1e-3) is t

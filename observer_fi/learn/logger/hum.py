@@ -3,6 +3,7 @@
 Its size and phase are those of the rests around; where they do not go together from rest to rest, it stays, as noise.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,13 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.logs import rests_of, undriven
+from observer_fi.logs import rests_of, stuck_from, undriven
 from observer_fi.records import Acquisition, Array, Log
 
-FEWEST_RESTS = 2
-TOGETHER = 0.9  # of its size in single rests, that the mean of a line in all of them keeps
+FEWEST_RESTS, FEWEST = 2, 20  # rests, and readings of one
+MOST_RESTS = 20  # that tell a frequency
+REACH_HZ = 1.5  # by which a peak of the spectrum of short rests may be off
+POLISHED = 2  # times that frequencies are fitted to the phases
+STEPS = 16  # of a turn between the first and the last rest, in which frequencies are tried
+TOGETHER = 0.97  # of its size in single rests, that the mean of a line in all of them keeps
 
 Phasors = NDArray[np.complex128]
+Rows = NDArray[np.intp]
 
 
 def without_lines(log: Log, acquisition: Acquisition) -> Log:
@@ -24,22 +30,33 @@ def without_lines(log: Log, acquisition: Acquisition) -> Log:
     if not any(channel.lines for channel in acquisition[:3]):
         return log
     rests = [undriven(rest, log.z) for rest in rests_of(log.t, log.w_cmd)]
-    rests = [rest for rest in rests if rest.stop > rest.start]
     z = log.z.copy()
     for c, channel in enumerate(acquisition[:3]):
-        if channel.lines and len(rests) >= FEWEST_RESTS:
-            z[:, c] -= _lines_of(log.t, log.z[:, c], rests, [line.hz for line in channel.lines])
+        stuck = stuck_from(z[:, c])
+        live = slice(0, stuck)
+        read = [_read(log.z[:, c], rest, stuck) for rest in rests]
+        read = [rows for rows in read if rows.size >= FEWEST]
+        if channel.lines and len(read) >= FEWEST_RESTS:
+            z[live, c] -= _lines_of(log.t, log.z[:, c], read, [line.hz for line in channel.lines])[live]
     return replace(log, z=z)
 
 
-def _lines_of(t: Array, y: Array, rests: Sequence[slice], hz: Sequence[float]) -> Array:
-    """What lines of about these frequencies add to the readings y (n,) at times t (n,)."""
+def _read(y: Array, rest: slice, stuck: int | None) -> Rows:
+    """Rows of a rest in which the readings y (n,) are there, before the sensor got stuck."""
+    rows = np.arange(rest.start, rest.stop if stuck is None else min(rest.stop, stuck))
+    return rows[np.isfinite(y[rows])]
+
+
+def _lines_of(t: Array, y: Array, rests: Sequence[Rows], hz: Sequence[float]) -> Array:
+    """What lines of about these frequencies add to the readings y (n,) at times t (n,). rests: rows in which they show."""
     middle = np.array([float(t[rest].mean()) for rest in rests])
-    seen = [np.isfinite(y[rest]) for rest in rests]
-    fine = [_finer(t, y, rests, seen, middle, list(hz), k) for k in range(len(hz))]
-    found = np.array(
-        [_phasors(t[rest][there], y[rest][there], fine) for rest, there in zip(rests, seen, strict=True)]
-    )
+    fine = np.array([_finer(t, y, rests, f) for f in hz])
+    for _ in range(
+        POLISHED
+    ):  # what is left is less than a turn, and lines that stand beside each other share it
+        phase = np.unwrap(np.angle([_phasors(t[rest], y[rest], fine) for rest in rests]), axis=0)
+        fine = fine + np.polyfit(middle, phase, 1)[0] / (2.0 * np.pi)
+    found = np.array([_phasors(t[rest], y[rest], fine) for rest in rests])
     total = np.zeros(t.size)
     for k, f in enumerate(fine):
         own = found[:, k]
@@ -49,18 +66,20 @@ def _lines_of(t: Array, y: Array, rests: Sequence[slice], hz: Sequence[float]) -
     return total
 
 
-def _finer(
-    t: Array, y: Array, rests: Sequence[slice], seen: Sequence[NDArray[np.bool_]], middle: Array, hz: list[float], k: int
-) -> float:  # fmt: skip
-    """The frequency of a line at which its phase is the same in all rests [Hz]."""
-    found = np.array(
-        [_phasors(t[rest][there], y[rest][there], hz)[k] for rest, there in zip(rests, seen, strict=True)]
-    )
-    phase = np.unwrap(np.angle(found))
-    return hz[k] + float(np.polyfit(middle, phase, 1)[0]) / (2.0 * np.pi)
+def _finer(t: Array, y: Array, rests: Sequence[Rows], hz: float) -> float:
+    """The frequency near `hz` at which one line explains most of all rests together [Hz].
+
+    Between rests its phase may slip by turns that only the readings within them rule out.
+    """
+    rests = rests[:: math.ceil(len(rests) / MOST_RESTS)]
+    at = np.concatenate([t[rest] for rest in rests])
+    z = np.concatenate([y[rest] - y[rest].mean() for rest in rests])
+    fine = 1.0 / (STEPS * float(at[-1] - at[0]))
+    tried = hz + fine * np.arange(-math.ceil(REACH_HZ / fine), math.ceil(REACH_HZ / fine) + 1)
+    return float(tried[int(np.argmax([abs(np.vdot(np.exp(2j * np.pi * f * at), z)) for f in tried]))])
 
 
-def _phasors(t: Array, y: Array, hz: Sequence[float]) -> Phasors:
+def _phasors(t: Array, y: Array, hz: Array) -> Phasors:
     """Size and phase, at time 0, of lines in the readings y (n,) of one rest: sum of Re(c exp(2 pi i f t)) and a constant."""
     turn = 2.0 * np.pi * np.outer(t, hz)
     solution = np.linalg.lstsq(

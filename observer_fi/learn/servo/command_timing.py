@@ -38,10 +38,11 @@ class Ramp(NamedTuple):
 
 
 class Command(NamedTuple):
-    """The corners of one log's command, and its ramps whose time nobody knows."""
+    """The corners of one log's command, and its ramps whose time nobody knows; ended: whether one ends before its next sample."""
 
     knots: Knots
     ramps: tuple[Ramp, ...]
+    ended: bool = False
 
 
 def doubtful(experiment: Experiment, recovered: Sequence[bool]) -> list[Command]:
@@ -50,15 +51,17 @@ def doubtful(experiment: Experiment, recovered: Sequence[bool]) -> list[Command]
     recovered: whether a log's command was.
     """
     found = [_command(experiment, k, own) for k, own in enumerate(recovered)]
-    return found if any(own.ramps for own in found) else []
+    return found if any(own.ramps or own.ended for own in found) else []
 
 
 def _command(experiment: Experiment, log: int, recovered: bool) -> Command:
-    knots = _cornered(*experiment.knots[log])
+    cornered = _cornered(*experiment.knots[log])
+    knots = _steepened(*cornered, experiment.accel, float(np.median(np.diff(experiment.t))))
     moves = np.flatnonzero(experiment.log == log).tolist()
     if len(knots[0]) > MOST_CORNERS * max(len(moves), 1):
         return Command(experiment.knots[log], ())
-    return Command(knots, tuple(ramp for m in moves for ramp in _ramps(experiment, m, knots, recovered)))
+    ramps = tuple(ramp for m in moves for ramp in _ramps(experiment, m, knots, recovered))
+    return Command(knots, ramps, knots[0] is not cornered[0])
 
 
 def _cornered(t: Array, v: Array) -> Knots:
@@ -67,6 +70,29 @@ def _cornered(t: Array, v: Array) -> Knots:
     bends = np.abs(np.diff(slope)) > KINK * max(float(np.abs(slope).max(initial=0.0)), 1e-300)
     kept = np.concatenate(([True], bends, [True]))
     return t[kept], v[kept]
+
+
+def _steepened(t: Array, v: Array, accel: float, interval: float) -> Knots:
+    """Knots (n,) whose ramps go on as they began until they end: behind the only sample on a ramp its end is not in the samples.
+
+    It is taken for a softer line to the next sample, or for a pause and another ramp within that `interval` [s].
+    """
+    slope = np.diff(v) / np.diff(t)
+    steep, flat = np.abs(slope) > (1.0 - KINK) * accel, np.abs(slope) <= KINK * accel
+    alike = slope[:-1] * slope[1:] > 0.0
+    softer = np.flatnonzero(steep[:-1] & ~steep[1:] & ~flat[1:] & alike & np.append(flat[2:], True))
+    again = steep[:-2] & flat[1:-1] & steep[2:] & (slope[:-2] * slope[2:] > 0.0)
+    paused = np.flatnonzero(again & (np.diff(t)[1:-1] < interval))
+    if not softer.size and not paused.size:
+        return t, v
+    t, v = t.copy(), v.copy()
+    t[softer + 2] = t[softer + 1] + np.abs(v[softer + 2] - v[softer + 1]) / accel
+    t[paused + 3] = t[paused + 1] + np.abs(v[paused + 3] - v[paused + 1]) / accel
+    t[paused + 2], v[paused + 2] = (
+        0.5 * (t[paused + 1] + t[paused + 3]),
+        0.5 * (v[paused + 1] + v[paused + 3]),
+    )
+    return t, v
 
 
 def _ramps(experiment: Experiment, move: int, knots: Knots, recovered: bool) -> list[Ramp]:
@@ -94,6 +120,8 @@ def timed(
     """The experiment with its doubtful ramps where its readings want them, whatever the free parameters of the model then are."""
     ramps = tuple((log, ramp) for log, own in enumerate(commands) for ramp in own.ramps)
     cornered = replace(experiment, knots=tuple(own.knots for own in commands))
+    if not ramps:
+        return cornered
     problem = _Timing(cornered, model, tuple(free), ramps)
     begun = {f.name: model[f.name] for f in free} | {f.name: 0.0 for f in problem.shifts}
     found = search(problem, begun, np.zeros((experiment.moves, 2)), worth=_WORTH)
