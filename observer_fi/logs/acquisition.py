@@ -28,7 +28,9 @@ FOREIGN = 5.0  # times its noise: a logger that a rig file does not know
 SPIKE = 6.0  # standard deviations, at rest
 # By which a spike is off its neighbours: standard deviations, and times their distance from each other.
 FAR, ALONE = 8.0, 4.0
-UNMOVED = 80  # samples on either side of a spike in which the command stands still
+# Samples on either side of a spike in which the command stands still: of one that tells that a logger has spikes, and of those of
+# a logger that has.
+UNMOVED, NEAR = 80, 2
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
 # Of normal noise; standard deviations by which samples at once are off the level of a rest where the motor is driven.
 SIGMA_OF_MAD, DRIVEN, AT_ONCE = 1.4826, 3.0, 5
@@ -254,20 +256,31 @@ def without_spikes(log: Log, acquisition: Acquisition) -> Log:
     for c, channel in enumerate(acquisition[:3]):
         if channel.spikes:
             noise = math.hypot(channel.noise_std, channel.resolution or 0.0)
-            z[spikes_of(log.z[:, c], log.w_cmd, noise), c] = np.nan
+            z[spikes_of(log.z[:, c], log.w_cmd, noise, NEAR), c] = np.nan
+            z[_off_a_slope(log.z[:, c], noise), c] = np.nan
     return replace(log, z=z)
 
 
-def spikes_of(z: Array, w_cmd: Array, noise: float) -> NDArray[np.int64]:
+def spikes_of(z: Array, w_cmd: Array, noise: float, unmoved: int = UNMOVED) -> NDArray[np.int64]:
     """Rows of readings far from both neighbours, which are near each other, while the command stands still.
 
-    noise: of readings.
+    noise: of readings; unmoved: samples on either side in which it does.
     """
     off, apart = z[1:-1] - 0.5 * (z[2:] + z[:-2]), np.abs(z[2:] - z[:-2])
     far = np.flatnonzero((np.abs(off) > FAR * noise) & (np.abs(off) > ALONE * apart)) + 1
     moved = np.flatnonzero(np.diff(w_cmd) != 0.0)
-    unmoved = np.searchsorted(moved, far - UNMOVED) == np.searchsorted(moved, far + UNMOVED)
-    return far[unmoved]
+    return far[np.searchsorted(moved, far - unmoved) == np.searchsorted(moved, far + unmoved)]
+
+
+def _off_a_slope(z: Array, noise: float) -> NDArray[np.int64]:
+    """Rows of readings far from the lines through the two before and the two behind them, which meet there. noise: of readings.
+
+    At a corner of the motion a reading lies on one of these.
+    """
+    before, behind = 2.0 * z[1:-3] - z[:-4], 2.0 * z[3:-1] - z[4:]
+    off = np.minimum(np.abs(z[2:-2] - before), np.abs(z[2:-2] - behind))
+    far = (off > FAR * math.sqrt(5.0) * noise) & (off > ALONE * np.abs(before - behind))
+    return np.flatnonzero(far) + 2
 
 
 def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:
