@@ -23,7 +23,9 @@ from observer_fi.records import Array
 CURRENT = (1,)
 GROUPS = (CURRENT, DRIVE, (0,))
 TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
-LOOKED_AT = 1.6  # mean square of the normalised residuals of a channel: less leaves nothing for a filter
+# Mean square of the normalised residuals of a channel, in starts, and in whole moves with their long steady parts: less leaves
+# nothing for a filter.
+LOOKED_AT, LOOKED_AT_WHOLE = 1.6, 1.15
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
 FASTEST = 0.11  # samples of a time constant that is at its bound
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
@@ -41,7 +43,7 @@ class Tried(NamedTuple):
 
 def needed(fitted: JointFit) -> bool:
     """Whether a fit leaves what a filter might explain."""
-    return max(_misfit(r) for r in fitted.residuals) > LOOKED_AT
+    return max(_misfit(r) for r in fitted.residuals) > LOOKED_AT_WHOLE
 
 
 def filter_of(
