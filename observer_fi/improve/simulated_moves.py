@@ -210,6 +210,10 @@ class SimulatedMoves:
         free = base_parameters(self.rig, self.model, self.experiment.older_s)
         return fit(self.experiment, self.model, free)
 
+    @property
+    def _sees_voltage(self) -> bool:
+        return bool((self.experiment.weight[:, 0] > 0.0).any())
+
     @cached_property
     def _most(self) -> float:
         """Excess of the refitted rig [nats]."""
@@ -293,10 +297,14 @@ class SimulatedMoves:
         return held_out
 
     def _gain(self, before: FitResult, after: FitResult) -> tuple[float, HeldOut]:
-        """Nats by which held-out moves are better explained, and what is known of the rig better respected."""
+        """Nats by which held-out moves are better explained, and what is known of the rig better respected.
+
+        Without a voltage the latter counts nothing: see `_bent`.
+        """
         r0, r1 = (held_out_residuals(self.experiment, one) for one in (before, after))
         known = [objective(one.model, one.free, np.zeros(1)) for one in (before, after)]
-        seen = 0.5 * (sum_of_squares(r0) - sum_of_squares(r1)) + known[0] - known[1]
+        respected = known[0] - known[1] if self._sees_voltage else 0.0
+        seen = 0.5 * (sum_of_squares(r0) - sum_of_squares(r1)) + respected
         ratio = {
             f"{name}_{unit}": rms(r1[:, c]) / max(rms(r0[:, c]), 1e-300)
             for c, (name, unit) in enumerate(UNITS)
@@ -458,7 +466,7 @@ class SimulatedMoves:
             for f in fitted.free
             if f.name in _MAKERS and abs(fitted.model[f.name] - f.prior) > _TOO_FAR * f.prior_std
         ]
-        blind = {"electrical"} if not (self.experiment.weight[:, 0] > 0.0).any() else set()
+        blind = set() if self._sees_voltage else {"electrical"}
         return tuple(dict.fromkeys(_MAKERS[name] for name in far if _MAKERS[name] not in blind))
 
     def _smooth_rest(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
