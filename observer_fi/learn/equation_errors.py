@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
-from observer_fi.logs import Readings, acquisition_of, unfiltered, with_command
+from observer_fi.logs import Readings, acquisition_of, unfiltered, with_command, without_spikes
 from observer_fi.physics import Rig
 from observer_fi.records import Estimate, Filter, Log
 from observer_fi.settings import BankSettings
@@ -51,7 +51,8 @@ def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:
     log = with_command(log, rig).part(slice(0, LONGEST))
     acquisition = acquisition_of(log, rig.file_noise_std)
     known = replace(rig, logger=acquisition)
-    return Readings(acquisition, log.rate_hz, known.noise_std).take(log), known
+    fresh = Readings(acquisition, log.rate_hz, known.noise_std).take(log)
+    return without_spikes(fresh, acquisition), known  # a spike would be an error that hides an obstacle
 
 
 def _likeliest(

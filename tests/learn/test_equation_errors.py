@@ -34,6 +34,15 @@ def test_a_torque_that_swells_widens_the_room_of_the_friction_and_nothing_else()
     assert swell["servo"] < 3.0 * usual["servo"] and swell["travel"] < 3.0 * usual["travel"]
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_spikes_of_a_logger_are_no_errors_of_the_machine(seed: int) -> None:
+    """With a tenth of a millimetre of room for the travel an obstacle would be health."""
+    spec = hidden.TruthSpec(hidden.there_and_back((410.0,), (0.8,), (0.0,)))
+    spiky = log_from_frame(hidden.make_log_with("spikes", spec, seed)[0])
+    errors, usual = with_equation_errors(load_rig(), [spiky]).errors, usual_errors(BankSettings(), load_rig())
+    assert {name: errors[name] <= 10.0 * usual[name] for name in usual} == dict.fromkeys(usual, True)
+
+
 def test_a_start_of_an_unknown_servo_is_no_glitch() -> None:
     """A small motor whose current rises within a sample by more than the usual room for a servo that nobody knows."""
     actuator = lift()

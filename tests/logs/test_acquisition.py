@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from logged_signals import RATE, SIGMA, clean, clock, coloured, command, held, log_of, signal, stepped, white
 
-from observer_fi.logs.acquisition import acquisition_of, clock_of, lines_of, resolution_of, rests_of
+from observer_fi.logs.acquisition import (
+    acquisition_of,
+    clock_of,
+    lines_of,
+    resolution_of,
+    rests_of,
+    without_spikes,
+)
 from observer_fi.records import Acquisition, ChannelTraits, Log
 
 CHANNELS = ("voltage", "current", "position")
@@ -376,3 +383,22 @@ def test_rows_in_which_nothing_was_read_change_no_trait(seed: int) -> None:
     told, without = traits_of(replace(log, z=empty)), traits_of(log.part(rows))
     assert told == without
     assert told.voltage.update_hz == pytest.approx(400.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_spikes_on_slopes_are_left_out_too_and_corners_are_not(seed: int) -> None:
+    """Of a current that rings by tens of its noise from one sample to the next, and that begins at once."""
+    rng = np.random.default_rng(seed)
+    t = clock(3.0)
+    since = np.maximum(t - 0.7, 0.0)
+    z = clean(t) + white(t, seed)
+    z[:, 1] += 0.5 * np.sin(140.0 * since) * np.exp(-since / 0.3)
+    at = np.sort(rng.choice(np.arange(1200, 2600, 40), 20, replace=False))
+    spoiled = z.copy()
+    spoiled[at, 1] += rng.choice([-1.0, 1.0], at.size) * rng.uniform(40.0, 100.0, at.size) * SIGMA[1]
+    log = log_of(t, spoiled)
+    told = traits_of(log)
+    assert told.current.spikes > 0
+    left_out = np.flatnonzero(np.isnan(without_spikes(log, told).z[:, 1]))
+    assert set(at) <= set(left_out) and left_out.size <= at.size + 2
+    assert np.isfinite(without_spikes(log_of(t, z), told).z[1118:1124, 1]).all()
