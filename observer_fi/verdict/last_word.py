@@ -252,6 +252,11 @@ class LastWord:
         best = max((story.gain for story in stories), default=-math.inf)
         return later, found if any(story.gain >= best for story in found) else stories
 
+    def known(self) -> tuple[Hypothesis, ...]:
+        """What a move may be, nominal first; made when it is asked for, once."""
+        self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
+        return self.hypotheses
+
     def move(self, event: Event, bank: Bank, rest_s: float = 0.0) -> WholeMove | None:
         """The move from a rest before it to its last sample under way, or so long into the rest after it."""
         found = window_of(event, bank, rest_s)
@@ -259,9 +264,8 @@ class LastWord:
             found = window_of(event, bank)
         if found is None:
             return None
-        self.hypotheses = self.hypotheses or of_a_move(self.rig, self.filters.settings)
         self.laws = self.laws or other_laws(self.rig, self.filters.settings)
-        whole = WholeMove(self.hypotheses, *found, self.filters, self.laws)
+        whole = WholeMove(self.known(), *found, self.filters, self.laws)
         at_once = event.label == UNKNOWN and event.start_s <= found[0].t[0]
         return _from_where_it_is_known(whole) if at_once else whole
 

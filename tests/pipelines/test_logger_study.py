@@ -84,13 +84,25 @@ def test_tables_count_what_was_said() -> None:
 
 
 def test_the_recipe_writes_its_report(tmp_path: Path) -> None:
-    given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--first", "7000"]
+    given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--campaigns", "1", "--first", "7000"]
     given += ["--rows", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "loggers.md")]
     assert logger_study.main(given) == 0
-    assert len(pd.read_csv(tmp_path / "rows.csv")) == 2
+    assert len(pd.read_csv(tmp_path / "rows.csv")) == 3
     text = (tmp_path / "loggers.md").read_text()
     assert "| noise_3 | noise three times the rig file's | 2 |" in text
     assert "seeds from 7000 on" in text
+    assert "0 of 1 campaigns of 18 moves each are called anything but nominal." in text
+
+
+def test_a_campaign_that_is_called_faulty_is_told_with_its_logger() -> None:
+    """Loggers take turns, and what was said of each campaign stands in the report."""
+    first, second = logger_study.campaign_jobs(2, 7000)
+    assert first.trait != second.trait and {first.kind, second.kind} == {logger_study.CAMPAIGN}
+    rows = pd.DataFrame([
+        {**first._asdict(), "said": "nominal", "probability": 0.9}, {**second._asdict(), "said": "jam", "probability": 1.0}
+    ])  # fmt: skip
+    text = logger_study.of_campaigns(rows)
+    assert text.startswith("1 of 2 campaigns") and text.endswith(f"{second.trait}: jam 1")
 
 
 def test_every_way_to_fail_gets_its_moves() -> None:

@@ -532,3 +532,11 @@ def test_of_a_lost_coupling_and_a_frozen_position_a_few_nats_of_many_do_not_deci
     isolation = diagnose_log(log_from_frame(frame), RIG, Settings()).isolation
     assert isolation is not None
     assert "coupling_loss" in (isolation.verdict.label, *isolation.verdict.alike)
+
+
+def test_what_a_move_may_be_is_known_before_any_move_was_asked() -> None:
+    """The bank with room asks its first move of a word that nobody asked before: a healthy campaign ended with a bug there."""
+    settings = Settings()
+    word = LastWord(load_rig(), Filters(load_rig(), settings.bank), settings.decision)
+    assert [hypothesis.label for hypothesis in word.known()[:1]] == ["nominal"]
+    assert word.known() is word.known()

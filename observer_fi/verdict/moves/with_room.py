@@ -105,7 +105,7 @@ class WithRoom:
 
     def _goes_on(self, event: Event, window: LogSamples, memory: HypothesisState, word: LastWord) -> bool:
         """Whether the friction of nominal goes farther within the move than it comes and goes."""
-        whole = WholeMove(word.hypotheses[:1], window, memory, word.filters)
+        whole = WholeMove(word.known()[:1], window, memory, word.filters)
         if "A" not in whole.nominal.states:
             return False
         k, settled = whole.nominal.states.index("A"), event.start_s + SETTLED_S
