@@ -28,7 +28,10 @@ from observer_fi.verdict.onset import Filters
 
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0, 30.0), 0.05, 0.05
-MOST_IN_DOUBT, MOST_SURE = 20, 2  # moves of a label that are asked in a log
+MOST_IN_DOUBT, MOST_SURE = (
+    20,
+    2,
+)  # moves of a label that are asked in a log, and those of a sure one that stand
 AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
 FAR_AT_REST = 120.0  # as FAR, where the motor should stand: in three healthy stops every fault gained 47 to 65 times as much
 RISEN = 1.0  # spreads from rig to rig by which friction is more than usual, and than in the moves before
@@ -58,6 +61,7 @@ class LastWord:
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
         self.asked: Counter[str] = Counter()
+        self.stood: Counter[str] = Counter()  # answers that were what the bank had said
         self.rise = 0.0  # of the friction in the moves so far, in spreads from rig to rig
         self.explained: dict[float, Explained] = {}  # moves, by their starts
         self.naming = Naming(rig, settings)
@@ -68,10 +72,12 @@ class LastWord:
 
         A position that lies may be a nut that slips, of which the bank knows nothing; any sensor, a bank at a loss.
 
-        In a log of many such moves the first ones are asked: the others cost as much again and say the same.
+        In a log of many such moves the first ones are asked: the others cost as much again and say the same. Of labels of
+        which the bank is sure those count that stood: where the first were none, the others may be none either.
         """
         in_doubt = event.label in (NOMINAL, UNKNOWN)
-        if self.asked[event.label] >= (MOST_IN_DOUBT if in_doubt else MOST_SURE):
+        sure = not in_doubt and self.stood[event.label] >= MOST_SURE
+        if sure or self.asked[event.label] >= MOST_IN_DOUBT:
             return False
         if event.label == NOMINAL:
             return event.doubted_s is not None
@@ -95,6 +101,7 @@ class LastWord:
         if doubted is None:
             return event
         told = self._asked(event, bank, doubted, self.stop_s if event.label == NOMINAL else 0.0)
+        self.stood[event.label] += told.label == event.label
         stopped = told.label == UNKNOWN and event.label == UNKNOWN and self._in_the_stop(doubted, event, bank)
         return self._asked(event, bank, doubted, self.stop_s) if stopped else told
 
@@ -148,7 +155,10 @@ class LastWord:
                 )
         if event.label == NOMINAL:
             return self._or_a_little(event, paths, whole)
-        fits = float(whole.nis.mean()) <= FITS * whole.expected(whole.nominal)
+        moves = whole.nis[whole.window.active] if whole.window.active.any() else whole.nis
+        fits = float(moves.mean()) <= FITS * whole.expected(
+            whole.nominal
+        )  # a drive that goes off at rest is no misfit
         return self._or_health(event, paths) if event.label != UNKNOWN and not counted and fits else event
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:

@@ -16,7 +16,7 @@ from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
-from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.last_word import MOST_SURE, LastWord
 from observer_fi.verdict.moves.stories import of_any_decade
 from observer_fi.verdict.moves.whole_move import Path, WholeMove, _is_lost
 from observer_fi.verdict.onset import Filters
@@ -540,3 +540,29 @@ def test_what_a_move_may_be_is_known_before_any_move_was_asked() -> None:
     word = LastWord(load_rig(), Filters(load_rig(), settings.bank), settings.decision)
     assert [hypothesis.label for hypothesis in word.known()[:1]] == ["nominal"]
     assert word.known() is word.known()
+
+
+@pytest.mark.parametrize(("answer", "asked"), [("nominal", True), ("overload", False)])
+def test_a_sure_label_is_asked_about_until_it_stood_twice(
+    monkeypatch: pytest.MonkeyPatch, answer: str, asked: bool
+) -> None:
+    """A rig through a filter had an overload in each slow start: the first two were none, and the others stood unasked."""
+    settings = Settings()
+    word = LastWord(load_rig(), Filters(load_rig(), settings.bank), settings.decision)
+    event = Event("overload", None, 0.95, 0.3, (None, None), 0.3, None, 0.2, 1.0, {"overload": 0.95})
+    monkeypatch.setattr(word, "_asked", lambda event, *rest: event._replace(label=answer))
+    for _ in range(MOST_SURE):
+        assert word.needed(event)
+        word.on(event, None)
+    assert word.needed(event) == asked
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("logger, seed", [("drive_off", 7123), ("drive_off", 7264), ("low_pass", 7297)])
+def test_a_drive_that_goes_off_between_moves_is_no_fault_of_them(logger: str, seed: int) -> None:
+    """Healthy campaigns of 18 moves."""
+    spec = hidden.draw_effects_case(seed, (), 0.0)
+    outcome = diagnose_log(
+        log_from_frame(hidden.make_log_with(logger, spec, seed)[0]), load_rig(), Settings()
+    )
+    assert {event.label for event in outcome.isolation.events} == {"nominal"}
