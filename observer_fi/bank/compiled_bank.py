@@ -384,7 +384,7 @@ class Bank:
     def start(self, z: Array, w_cmd: Array, theta: Array) -> BankState:
         """The memory before the first of some samples (see `first_state.start`)."""
         held = held_at_first(z, w_cmd, theta, self.arrays.noise)
-        first = first_readings(z)
+        first = first_readings(z, w_cmd[0])
         return bank_state_of(
             self.rows, start(self.hypotheses, self.arrays, first, w_cmd[0], self.rig.watched, held)
         )

@@ -525,7 +525,14 @@ class FilterpyBank:
         held = held_at_first(log.z, w_cmd, log.pitch, self.arrays.noise)
         for f, first in zip(
             self.filters,
-            start(self.hypotheses, self.arrays, first_readings(log.z), w_cmd[0], self.rig.watched, held),
+            start(
+                self.hypotheses,
+                self.arrays,
+                first_readings(log.z, w_cmd[0]),
+                w_cmd[0],
+                self.rig.watched,
+                held,
+            ),
             strict=True,
         ):
             f.x, f.P, f.slow, f.bias = first.x, first.P, first.slow, first.bias

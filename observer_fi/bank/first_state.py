@@ -4,11 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import theilslopes
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.bank_state import HypothesisState
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis
-from observer_fi.physics import Drive, equations, speed
+from observer_fi.physics import Drive, Model, equations, speed
 from observer_fi.records import CHANNELS, Array
 
 START_ROWS, START_READINGS = (
@@ -62,8 +63,11 @@ def start(
         w = speed(z, model.vector) if command0 != 0.0 and model["Km"] else 0.0
         rest = drive.at_rest(z[1], model.vector)
         x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
-        x[:3] = w, rest.I, z[2] / model["position_gain"]
-        var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, rest.I_std**2, 10.0 * b.noise[2]
+        I, I_var = rest.I, rest.I_std**2
+        if command0 != 0.0 and drive.servo and model["Ki"]:
+            I, I_var = _under_way(I, I_var, command0 - w, var[0], model)
+        x[:3] = w, I, z[2] / model["position_gain"]
+        var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, I_var, 10.0 * b.noise[2]
         slow, bias = (
             tr.slow_at_rest(b.parameters[j]),
             np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0]),
@@ -79,6 +83,18 @@ def start(
             )
         )  # fmt: skip
     return out
+
+
+def _under_way(I: float, I_var: float, error: float, w_var: float, model: Model) -> tuple[float, float]:
+    """Mean and variance of the integral of a servo in motion [rad]. I, I_var: if it made all of the current; error: of the speed
+    [rad/s]; w_var: its variance.
+
+    What the proportional path makes is no integral. At its limit a current tells nothing of the servo: what the integral may be
+    then grows with an error that lasts for the radian in which a loop swings.
+    """
+    share = model["Kp"] / model["Ki"]
+    swing = math.sqrt(model["J"] / (model["Km"] * model["Ki"])) if model["Km"] else 0.0
+    return I - share * error, I_var + share * share * w_var + (swing * error) ** 2
 
 
 def _friction_that_held(mean: float, var: float, held: Held, p: Array) -> tuple[float, float]:
@@ -111,14 +127,18 @@ def _whole_turns(x: float, per_rad: float) -> float:
     return 2.0 * np.pi * round(x / turn) if turn else 0.0
 
 
-def first_readings(z: Array) -> Array:
-    """(3,) first finite reading of each channel, NaN where there is none; the median of the first few damps noise.
+def first_readings(z: Array, w_cmd: float) -> Array:
+    """(3,) first finite reading of each channel, NaN where there is none; the first few of them damp noise.
 
-    Only START_ROWS samples are looked at: a stream that begins cannot wait for more.
+    At rest their median, at a command w_cmd [rad/s] what their line (Theil 1950, Sen 1968) begins with: a log may begin within a
+    start. Only START_ROWS samples are looked at: a stream that begins cannot wait for more.
     """
     first = np.full(3, np.nan)
     for c in range(3):
-        good = z[:START_ROWS][np.isfinite(z[:START_ROWS, c]), c][:START_READINGS]
-        if good.size:
-            first[c] = np.median(good)
+        rows = np.flatnonzero(np.isfinite(z[:START_ROWS, c]))[:START_READINGS]
+        if not rows.size:
+            continue
+        dense = rows.size == START_READINGS and rows[-1] < 2 * START_READINGS
+        good = z[rows, c]
+        first[c] = theilslopes(good, rows).intercept if w_cmd and dense else np.median(good)
     return first

@@ -193,8 +193,8 @@ def arrays(hypotheses: tuple[Hypothesis, ...], rig: Rig, settings: BankSettings)
 
 
 def _absent(rig: Rig) -> tuple[int, ...]:
-    """Channels without which the drive of a rig does, and of which its logger shows none."""
-    if "voltage_v" in rig.watched.columns or rig.logger is None:
+    """Channels of which the logger of a rig shows none."""
+    if rig.logger is None:
         return ()
     return () if math.isfinite(rig.logger.voltage.as_white) else (CHANNELS.index("voltage"),)
 

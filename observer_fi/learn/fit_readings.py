@@ -12,9 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.learn.logger.hum import without_lines
 from observer_fi.logs import Readings as FreshReadings
-from observer_fi.logs import acquisition_of, clock_of, earlier, even, timing_doubt, without_spikes
+from observer_fi.logs import (
+    acquisition_of,
+    clock_of,
+    earlier,
+    even,
+    timing_doubt,
+    without_lines,
+    without_spikes,
+)
 from observer_fi.numerics import runs
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, ChannelTraits, Filter, Log

@@ -20,6 +20,7 @@ from observer_fi.logs.clock import even, on_its_clock
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES
+from observer_fi.logs.hum import Hum, without_lines
 from observer_fi.logs.ingest import (
     CHUNK_ROWS,
     LogFile,
@@ -95,6 +96,7 @@ __all__ = [
     "ColumnMap",
     "Guess",
     "Inspection",
+    "Hum",
     "LogFile",
     "Motion",
     "columns_of",
@@ -132,6 +134,7 @@ __all__ = [
     "suspect_units",
     "with_command",
     "with_logger",
+    "without_lines",
     "without_spikes",
 ]
 

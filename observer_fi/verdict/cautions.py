@@ -18,7 +18,10 @@ LATE = 0.5  # samples
 
 
 class Part(NamedTuple):
-    """One channel: its column and unit, its traits, its noise in the rig file, how many samples it is late, its filter."""
+    """One channel: its column and unit, its traits, its noise in the rig file, how many samples it is late, its filter.
+
+    without_lines: whether its lines are out of what is judged.
+    """
 
     column: str
     unit: str
@@ -26,6 +29,7 @@ class Part(NamedTuple):
     usual: float
     late: float
     low_pass: LowPass = LowPass()
+    without_lines: bool = False
 
 
 def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str, ...]:
@@ -33,8 +37,9 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
     found = [*_of_the_model(isolation)]
     usual = known.rig.file_noise_std.tolist()
     own = zip(COLUMNS.items(), UNITS, usual, known.late, known.low_passes, strict=True)
-    for (name, column), unit, noise, late, low in own:
-        part = Part(column, unit, getattr(known.acquisition, name), noise, late - min(known.late), low)
+    for c, ((name, column), unit, noise, late, low) in enumerate(own):
+        taken_out = known.lines is not None and bool(known.lines.channels[c].hz.size)
+        part = Part(column, unit, getattr(known.told, name), noise, late - min(known.late), low, taken_out)
         filters = [told_filter(own) for own in known.low_passes.told if own.channel == name]
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *filters, *_of_time(part, rate_hz)]
     if known.offset:
@@ -42,7 +47,7 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
             f"voltage_v reads {with_unit(known.offset, 'V')} more at rest than current_a explains: taken for zero offsets "
             "and taken out; zero the sensors"
         )
-    step = known.acquisition.clock.resolution_s
+    step = known.told.clock.resolution_s
     if step:
         found.append(
             f"time_s is rounded to {with_unit(step, 's')}: taken for an even clock; log times with more digits"
@@ -92,6 +97,11 @@ def _of_noise(part: Part) -> Iterator[str]:
             f"the noise of {part.column} grows {digits(traits.grown, 2)} times from the first rest to the last: taken for "
             "another range, and the larger one for the noise of the whole log; keep one range"
         )
+    lines = ", ".join(
+        f"{digits(line.hz, 4)} Hz ({with_unit(line.amplitude, part.unit)})" for line in sorted(traits.lines)
+    )
+    if lines and part.without_lines:
+        yield f"{part.column} carries periodic disturbances at {lines}: taken out of it; shield or ground it"
     if not traits.as_white > LOUD * part.usual:
         return
     if math.isfinite(part.low_pass.corner_hz):
@@ -100,11 +110,7 @@ def _of_noise(part: Part) -> Iterator[str]:
             "show in it, others later"
         )
         return
-    if traits.lines:
-        lines = ", ".join(
-            f"{digits(line.hz, 4)} Hz ({with_unit(line.amplitude, part.unit)})"
-            for line in sorted(traits.lines)
-        )
+    if lines and not part.without_lines:
         why, cure = f"carries periodic disturbances at {lines}", "shield or ground it"
     elif traits.correlation_s:
         why, cure = (

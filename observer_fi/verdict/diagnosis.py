@@ -44,6 +44,7 @@ from observer_fi.verdict.isolate import (
 )
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.moves.naming import FAR
 from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
@@ -189,7 +190,7 @@ class Diagnosis:
         with ThreadPoolExecutor(1) as thread:
             before: tuple[Log, Log, Future[tuple[Estimate, kernels.Bank]]] | None = None
             for log in logs:
-                given = commanded(log, self.rig)
+                given = self._begun(commanded(log, self.rig))
                 taken = self._taken(given)
                 ahead = given, taken, thread.submit(self._advanced, taken)
                 if before is not None:
@@ -200,7 +201,7 @@ class Diagnosis:
 
     def add(self, log: Log) -> Estimate:
         """Take the next chunk; the bank's estimate of it."""
-        given = commanded(log, self.rig)
+        given = self._begun(commanded(log, self.rig))
         taken = self._taken(given)
         estimate, memory = self._advanced(taken)
         self._judge(given, taken, estimate, memory)
@@ -212,6 +213,10 @@ class Diagnosis:
         if self.keeper is not self.bank:
             self.keeper.advance(log)
         return estimate, self.keeper.memory()
+
+    def _begun(self, log: Log) -> Log:
+        """The chunk; the first one from where the servo is known."""
+        return log.part(slice(known_from(log, self.rig), None)) if self.as_logged is None else log
 
     def _taken(self, log: Log) -> Log:
         """The next chunk as filters may take it; the first one says what its logger does, and the bank is fitted to that."""
@@ -350,7 +355,7 @@ class Diagnosis:
             explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
-            acquisition=self.as_logged.acquisition if self.as_logged else None, warnings=self._warnings(isolation, foreign),
+            acquisition=self.as_logged.told if self.as_logged else None, warnings=self._warnings(isolation, foreign),
         )  # fmt: skip
 
     def _drawn(self, verdict: Event, events: tuple[Event, ...]) -> tuple[Traces, ...]:

@@ -9,6 +9,7 @@ from observer_fi.records import Array, Estimate, Log
 # Standard deviations that voltage and current of a drive that is off stay below, and from which they drop there in so long, as no
 # motor does that sticks (18 in 30 stops); of the readings' offsets there; samples that tell it.
 NOTHING, DROP, DROP_S, OFFSETS, OFF = 5.0, 25.0, 3e-3, 8.0, 8
+ALL = 0.99  # of them, but for spikes
 
 
 def without_off(e: Estimate, log: Log, noise: Array) -> Estimate:
@@ -43,6 +44,23 @@ def until_off(electrical: Array, noise: Array, interval: float) -> int:
     before = max(first - max(round(DROP_S / interval), 2), 0)
     dropped = 0 < first <= len(z) - OFF and np.nanmax(sizes[before:first]) > DROP
     return before if dropped and np.max(np.abs(level)) < OFFSETS else len(electrical)
+
+
+def goes_off(electrical: Array, noise: Array, at: int, interval: float) -> bool:
+    """Whether voltage and current (n, 2) at rest are nothing but offsets from sample `at` on, and were something before.
+
+    A motor that sticks at no current looks the same: nothing else speaks for a fault there.
+    """
+    z, around = _filled(electrical / noise), max(round(DROP_S / interval), 2)
+    after, before = z[at + around :], z[max(at - around, 0) : at + around]
+    there = np.isfinite(z[-1:]).all(axis=0)
+    if len(after) < 2 * OFF or not there.any():
+        return False
+    level = np.median(after[:, there], axis=0)
+    silent = np.mean(np.abs(after[:, there] - level) < NOTHING) > ALL
+    return bool(
+        silent and np.max(np.abs(level)) < OFFSETS and np.nanmax(np.abs(before[:, there] - level)) > NOTHING
+    )
 
 
 def may_be_off(electrical: Array, noise: Array) -> bool:

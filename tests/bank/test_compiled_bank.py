@@ -59,7 +59,7 @@ def linear_log(n: int, seed: int = 0) -> Log:
 
 def textbook_start(h: Hypothesis, log: Log) -> tuple[np.ndarray, np.ndarray]:
     made = kernels.Bank(LINEAR_RIG, LINEAR, (h,))
-    (first,) = start((h,), made.arrays, first_readings(log.z), SPEED, LINEAR_RIG.driven)
+    (first,) = start((h,), made.arrays, first_readings(log.z, SPEED), SPEED, LINEAR_RIG.driven)
     return first.x, first.P
 
 

@@ -23,7 +23,7 @@ def friction(current: float, theta: float = 0.0) -> tuple[float, float]:
     """Mean and standard deviation of the factor of A that nominal begins with under a held current [A]."""
     z, still = np.tile([0.0, current, 0.0], (HELD_ROWS, 1)), np.zeros(HELD_ROWS)
     held = held_at_first(z, still, np.full(HELD_ROWS, theta), MADE.noise)
-    first = start(HYPOTHESES, MADE, first_readings(z), 0.0, RIG.watched, held)[0]
+    first = start(HYPOTHESES, MADE, first_readings(z, 0.0), 0.0, RIG.watched, held)[0]
     at = HYPOTHESES[0].states.index("A")
     return float(first.x[at]), float(np.sqrt(first.P[at, at]))
 
@@ -72,3 +72,36 @@ def test_a_motor_that_holds_more_than_the_rig_file_says_is_healthy(shape: str) -
     quiet = replace(spec, start_integral_rad=0.0)
     found = diagnose_log(log_from_frame(hidden.make_log(quiet, 130013)[0]), RIG, SETTINGS).isolation
     assert found is not None and found.verdict.label == "nominal"
+
+
+# --- logs that begin under way -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed, command", [(410.0, 410.0), (250.0, 410.0), (-500.0, -410.0), (90.0, 200.0)])
+def test_an_integral_under_way_is_what_the_proportional_path_leaves(speed: float, command: float) -> None:
+    """Of the current that equation 3 makes, with an error that lasts for less than a swing of the loop."""
+    model, integral = RIG.model, 0.04
+    current = model["Kp"] * (command - speed) + model["Ki"] * integral
+    volts = model["Rm"] * current + model["Km"] * speed
+    nominal = start(HYPOTHESES, MADE, np.array([volts, current, 0.0]), command, RIG.watched)[0]
+    assert nominal.x[:2] == pytest.approx([speed, integral])
+    swing = np.sqrt(model["J"] / (model["Km"] * model["Ki"]))
+    assert np.sqrt(nominal.P[1, 1]) > abs(command - speed) * swing
+    steady = start(HYPOTHESES, MADE, np.array([volts, current, 0.0]), speed, RIG.watched)[0]
+    assert nominal.P[1, 1] > steady.P[1, 1] or speed == command
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_first_readings_of_a_start_are_those_of_its_first_sample(seed: int) -> None:
+    """The median of five samples of a current that falls is that of the third one, and was 16 standard deviations off."""
+    noise = np.random.default_rng(seed).standard_normal((64, 3)) * RIG.noise_std
+    falling = np.column_stack((np.full(64, 14.0), 0.2 - 5e-3 * np.arange(64), np.zeros(64)))
+    first = first_readings(falling + noise, 410.0)
+    assert np.abs((first - falling[0]) / RIG.noise_std).max() < 4.0
+    assert abs(first_readings(falling + noise, 0.0)[1] - falling[2, 1]) < 4.0 * RIG.noise_std[1]
+
+
+def test_readings_that_come_rarely_have_no_line() -> None:
+    z = np.full((64, 3), np.nan)
+    z[::16] = np.arange(4)[:, None] * np.ones(3)
+    assert first_readings(z, 410.0) == pytest.approx(np.full(3, 1.5))

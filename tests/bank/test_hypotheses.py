@@ -1,5 +1,6 @@
 """The hypotheses of a bank: which states they share, how they are entered, and how often a mode changes."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -230,3 +231,15 @@ def test_a_sensor_that_is_not_there_does_not_fail() -> None:
     np.testing.assert_allclose(without.sum(axis=1), 0.0, atol=1e-12)
     others = [j for j in range(1, len(HYPOTHESES)) if j != voltage]
     np.testing.assert_array_equal(without[0, others], usual[0, others])
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_sensor_that_is_not_logged_does_not_fail(shown: bool) -> None:
+    """Nothing tells its failure from health, and what is the winner once stays it."""
+    noise = 0.01 if shown else math.nan
+    traits = [ChannelTraits(own, own) for own in (noise, 3e-4, 1e-5)]
+    logged = replace(RIG, logger=Acquisition(*traits, Clock(0.0, None, 6.25e-4)))
+    of_voltage = [h.name for h in HYPOTHESES].index("sensor:voltage")
+    rate = arrays(HYPOTHESES, logged, BankSettings()).rates[0, of_voltage]
+    usual = arrays(HYPOTHESES, RIG, BankSettings()).rates[0, of_voltage]
+    assert rate == (usual if shown else pytest.approx(0.0, abs=1e-9 * usual))

@@ -5,13 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden import draw_move_case, make_log_with
+from hidden import draw_effects_case, draw_move_case, make_log_with
 
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
-from observer_fi.settings import BankSettings
+from observer_fi.settings import BankSettings, Settings
+from observer_fi.verdict import diagnose_log
 from observer_fi.verdict.logger.as_logged import AsLogged, electrical_offset
 
 RIG, SETTINGS = load_rig(), BankSettings()
@@ -139,3 +140,44 @@ def test_offsets_through_a_logger_are_taken_out() -> None:
         expected = told["voltage_v"]["offset"] - RIG.model["Rm"] * told["current_a"]["offset"]
         found = known_of("offsets", seed).offset
         assert found == pytest.approx(expected, abs=0.01) or abs(expected) < 0.01
+
+
+# --- campaigns: what only many rests and moves tell ------------------------------------------------
+
+
+@cache
+def campaign(name: str, seed: int) -> Log:
+    return log_from_frame(make_log_with(name, draw_effects_case(seed, (), 0.0), seed)[0])
+
+
+@pytest.mark.parametrize("name", ["hum_50hz", "position_100hz+steps_all+hum_50hz"])
+def test_lines_that_hold_through_a_campaign_are_taken_out(name: str) -> None:
+    """Hum taken for white noise swings like a sensor that fails for a while."""
+    known = AsLogged(campaign(name, 8300), RIG, SETTINGS)
+    assert known.lines is not None and not known.plain
+    assert [len(channel.lines) for channel in known.told[:3]] == [1, 1, 0]
+    assert (known.rig.noise_std[:2] < 1.6 * RIG.noise_std[:2]).all()
+    assert (
+        known_of("hum_50hz").rig.noise_std[:2] > 2.0 * RIG.noise_std[:2]
+    ).all()  # of one move nobody knows
+
+
+def test_lines_of_held_readings_stay_in_them() -> None:
+    known = AsLogged(campaign("drive_400hz+hum_50hz", 8301), RIG, SETTINGS)
+    assert known.lines is None
+
+
+@pytest.mark.parametrize("name", ["coloured", "coloured+position_late"])
+def test_noise_that_wanders_is_no_filter(name: str) -> None:
+    """A filter makes its noise white, which gained a thousand nats: in the rest as in the motion."""
+    for seed in range(8302, 8306):
+        assert not AsLogged(campaign(name, seed), RIG, SETTINGS).low_passes.any, seed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("logger", ["no_voltage", "mid_move", "position_100hz+steps_all+hum_50hz"])
+def test_healthy_campaigns_are_healthy(logger: str) -> None:
+    """Through each of these loggers one in three to six had been called faulty."""
+    for seed in range(8310, 8316):
+        labels = {e.label for e in diagnose_log(campaign(logger, seed), RIG, Settings()).isolation.events}
+        assert labels == {"nominal"}, seed

@@ -5,6 +5,7 @@ take, everything else out of the readings.
 """
 
 import math
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -13,6 +14,7 @@ import numpy as np
 from observer_fi.bank import REPEATING, between_samples
 from observer_fi.logs import (
     FEWEST_AT_REST,
+    Hum,
     LowPasses,
     Readings,
     Unfiltered,
@@ -26,12 +28,15 @@ from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
+from observer_fi.verdict.logger.zero_current import with_zero, zero_current
 from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
 from observer_fi.verdict.testable import for_readings
 
 OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
 SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
+FEWEST_RESTS = 3  # that say the same of a line: two say it of any
+QUIET = 1.25  # times its expected NIS: a start whose lines are out of it is explained as well as this, or they were others
 SAME_NOISE = 0.1  # relative: less is no news
 LEARNABLE = FEWEST_AT_REST  # samples of a stream
 
@@ -44,10 +49,42 @@ class AsLogged:
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
         self.low_passes, self.interval = LowPasses(), 1.0 / log.rate_hz
+        self.lines: Hum | None = None
+        self.with_lines: Acquisition | None = None
         start = self._learn(log, rig, settings)
+        if any(channel.lines for channel in self.acquisition[:3]) and start is not None:
+            log, start = self._without_lines(log, rig, settings, start)
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
         if self.low_passes.any:
             self._learn(log, rig, settings)
+
+    def _without_lines(self, log: Log, rig: Rig, settings: BankSettings, start: Told) -> tuple[Log, Told]:
+        """The log without its lines, where many rests say the same of them and the first start is then explained, and how well.
+
+        A held reading holds its line too, and is left as it is.
+        """
+        before = self.acquisition
+        own = [c._replace(lines=()) if c.update_hz else c for c in before[:3]]
+        lines = Hum(log, Acquisition(*own, before.clock), FEWEST_RESTS)
+        if not lines.any:
+            return log, start
+        quiet = copy(lines).take(log)
+        told = self._learn(quiet, rig, settings)
+        if told is None or told.misfit > max(QUIET, start.misfit):
+            self._learn(log, rig, settings)
+            return log, start
+        self.lines, self.with_lines = lines, before
+        self._begin(log, rig)
+        return quiet, told
+
+    @property
+    def told(self) -> Acquisition:
+        """What the logger does, with what was taken out of its readings."""
+        if self.with_lines is None:
+            return self.acquisition
+        pairs = zip(self.acquisition[:3], self.with_lines[:3], strict=True)
+        own = (now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs)
+        return Acquisition(*own, self.acquisition.clock)
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
@@ -67,15 +104,17 @@ class AsLogged:
         turned = phases_of(first_start(begun), known, self.settings).of(known)
         self.late = lateness_of(begun, turned, self.settings, averaged)
         self.late, self.day, start = self._of_the_day(log, turned, averaged)
-        self.offset = self.day.offset
         known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
+        self.zero = self._zero_current(log, known)
+        known = with_zero(known, self.zero)
+        self.offset = electrical_offset(self.acquisition, known) if self.zero else self.day.offset
         self._begin(log, rig)
         self.phases = phases_of(self._behind_filters(log), known, self.settings)
         as_filed = (
             self.day.usual and (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
         )
-        whole = "voltage_v" in rig.watched.columns or bool(np.isfinite(log.z[:, 0]).any())
-        filed = as_filed and whole and not known.step.any() and not any(self.late)
+        whole = bool(np.isfinite(log.z[:, 0]).any())
+        filed = as_filed and whole and not known.step.any() and not any(self.late) and not self.zero
         self.rig = self.phases.of(rig if filed else known)
         self._begin(log, rig)
         return start
@@ -85,15 +124,18 @@ class AsLogged:
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         self.set_back = SetBack(self.late)
         self.unfiltered = Unfiltered(self.low_passes, self.interval)
+        self.hum = copy(self.lines)
 
     @property
     def plain(self) -> bool:
         """Whether filters take every reading as it is."""
-        return self.readings.plain and not self.offset and not any(self.late) and not self.low_passes.any
+        as_read = self.readings.plain and self.hum is None
+        return as_read and not self.offset and not any(self.late) and not self.low_passes.any
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
-        return self._behind_filters(self.unfiltered.take(log))
+        quiet = self.hum.take(log) if self.hum is not None else log
+        return self._behind_filters(self.unfiltered.take(quiet))
 
     def _behind_filters(self, log: Log) -> Log:
         """The next chunk, without the filters before its readings."""
@@ -117,6 +159,8 @@ class AsLogged:
             self.day == other.day
             and self.phases == other.phases
             and self.late == other.late
+            and self.lines is other.lines is None
+            and math.isclose(self.zero, other.zero, abs_tol=SAME_NOISE * self.rig.noise_std[1])
             and self.low_passes == other.low_passes
             and self.settings == other.settings
         )
@@ -149,6 +193,12 @@ class AsLogged:
             if not other.usual and in_time.told(other).nats > begun.told(day).nats:
                 late, day, begun = averaged, other, in_time
         return late, day, begun.told(day)
+
+    def _zero_current(self, log: Log, known: Rig) -> float:
+        """How far the current sensor is off its zero [A], as a bank sees it that takes the rig as it is known so far."""
+        self._begin(log, known)
+        readings = self.set_back.take(self._on_even_clock(self.readings.take(log)))
+        return zero_current(readings, known, self.settings, partial(electrical_offset, self.acquisition))
 
     def _on_even_clock(self, log: Log) -> Log:
         clock = self.acquisition.clock

@@ -24,7 +24,7 @@ from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, set_right
-from observer_fi.verdict.moves.of_the_day import Told, nats_of
+from observer_fi.verdict.moves.of_the_day import BEGIN, Told, told_by
 
 # Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not
 # bring near is no matter of filters.
@@ -32,7 +32,7 @@ FITS, NEAR = 1.6, 30.0
 # The same with filters of a start that is explained without them: noise that wanders alone fits worse, chance of 300 samples
 # does not.
 TRUE = 1.25
-NOTICED_NATS = 40.0  # that filters must gain at a start
+NOTICED_NATS = 40.0  # that filters must gain at a start, and that its motion may lose beside its rest
 ABOUT = 2.5  # times the delay of a filter, the correlation time of noise that has come through it
 SLOW = 2.0  # samples: noise of a longer correlation may have come through a filter with the signal
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
@@ -51,7 +51,6 @@ FINER = (
 )
 CHANNELS = ((1,), (2,), (0,), (0, 1), (0, 1, 2))  # that may have the same filter: current, position, voltage
 ORDERS = (1, 2)
-BEGIN = 8  # samples until a filter of the bank has found its state
 
 
 def low_passes_of(
@@ -79,7 +78,8 @@ def low_passes_of(
     if FITS < start.misfit(best) < NEAR:
         other = _with_one_more(start, best, groups)
         best = other if start.nats(other) > start.nats(best) + NOTICED_NATS else best
-    if explained and not _colours(best, acquisition):
+    spoils = start.by_motion(best) < without.by_motion - NOTICED_NATS
+    if explained and (spoils or not _colours(best, acquisition)):
         return none
     worth = max(start.as_filed, without.nats) + NOTICED_NATS
     fits = TRUE if explained else FITS
@@ -154,42 +154,42 @@ class _Start:
             LEFT * float(np.ptp(z[np.isfinite(z)])) if np.isfinite(z).any() else 0.0 for z in log.z.T
         ]
         self.traits: dict[tuple[int, LowPass], ChannelTraits] = {}
-        self.known: dict[LowPasses, tuple[float, float]] = {}
-        self.as_filed = self._told(LowPasses(), settings)[0]
+        self.known: dict[LowPasses, Told] = {}
+        self.as_filed = self._told(LowPasses(), settings).nats
 
     def nats(self, filters: LowPasses) -> float:
         """Log-likelihood of the readings as they were logged."""
-        return self._of(filters)[0]
+        return self._of(filters).nats
 
     def misfit(self, filters: LowPasses) -> float:
         """NIS in motion over its expectation."""
-        return self._of(filters)[1]
+        return self._of(filters).misfit
 
-    def _of(self, filters: LowPasses) -> tuple[float, float]:
+    def by_motion(self, filters: LowPasses) -> float:
+        """Nats of the motion less those of as many samples at rest: what a filter makes of the noise is no gain."""
+        return self._of(filters).by_motion
+
+    def _of(self, filters: LowPasses) -> Told:
         if filters not in self.known:
             self.known[filters] = self._told(filters, self.settings)
         return self.known[filters]
 
-    def _told(self, filters: LowPasses, settings: BankSettings) -> tuple[float, float]:
+    def _told(self, filters: LowPasses, settings: BankSettings) -> Told:
         log = Unfiltered(filters, self.interval).take(self.log)
         acquisition = self._acquisition(filters, log)
         if self._drowned(filters, acquisition):
-            return -math.inf, math.inf
+            return Told(-math.inf, math.inf, -math.inf)
         late = Lateness(*(own.late for own in filters))
         rig = set_right(replace(self.rig, logger=acquisition), late, self.interval)
         log = Readings(acquisition, log.rate_hz, self.rig.noise_std).take(log)
         zero = np.array([self.offset_of(acquisition, rig), 0.0, 0.0])
         cut = first_start(SetBack(late).take(replace(log, z=log.z - zero)))
         assert cut is not None  # the command is the same
-        e = Bank(rig, settings).advance(cut)
-        read = np.isfinite(cut.z)
-        moving = e.active & read.any(axis=1)
-        if not moving.any():
-            return -math.inf, math.inf
-        nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
+        told = told_by(Bank(rig, settings).advance(cut), cut.z)
         # Densities are of what is left: of what was logged they are larger by how much a filter had shrunk it.
-        grown = float(read[BEGIN:].sum(axis=0) @ np.log([own.weights(self.interval)[0] for own in filters]))
-        return nats_of(e) + grown, float(np.mean(nis[moving] / read[moving].sum(axis=1)))
+        read = np.isfinite(cut.z[BEGIN:]).sum(axis=0)
+        grown = float(read @ np.log([own.weights(self.interval)[0] for own in filters]))
+        return told._replace(nats=told.nats + grown)
 
     def _drowned(self, filters: LowPasses, acquisition: Acquisition) -> bool:
         """Whether what is left of a channel without its filter is noise."""

@@ -13,6 +13,7 @@ from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, 
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import COMES_AND_GOES
+from observer_fi.verdict.drive_off import goes_off
 from observer_fi.verdict.isolate import AT_START_S
 from observer_fi.verdict.moves.stories import (
     AT_WILL,
@@ -106,7 +107,11 @@ class Naming:
         Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and a size
         that stands shows; and in a stop.
         """
-        if _passes(path, whole, event.start_s) or _tells_afterwards(path, whole):
+        if (
+            _passes(path, whole, event.start_s)
+            or _tells_afterwards(path, whole)
+            or self._goes_off(path, whole)
+        ):
             return False
         if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
             more = max(shown(path), path.later)
@@ -115,6 +120,11 @@ class Naming:
         stands = all(own.growth == 0.0 for own in path.hypothesis.own)
         more = min(path.later, shown(path) if stands else math.inf) if rings else math.inf
         return min(path.gain, more) >= self.settings.move_nats
+
+    def _goes_off(self, path: Path, whole: WholeMove) -> bool:
+        """Whether a path begins where the drive may have been switched off at rest."""
+        electrical, noise = whole.window.z[:, :2], self.rig.noise_std[:2]
+        return path.begin >= whole.moving and goes_off(electrical, noise, path.begin, whole.interval)
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.

@@ -4,6 +4,7 @@ They are no constants of the rig: a winding warms, and a servo's amplifier with 
 value explains the start, and better than any fault with that of the rig file.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 
 from observer_fi.bank import Bank
 from observer_fi.physics import Rig, with_values
-from observer_fi.records import Estimate, Log
+from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import first_start
 
@@ -46,10 +47,13 @@ class Day(NamedTuple):
 
 
 class Told(NamedTuple):
-    """Nats of a start on a day, and its NIS in motion over its expectation."""
+    """Nats of a start on a day, its NIS in motion over its expectation, and the nats of that motion less those of as many
+    samples at rest.
+    """
 
     nats: float
     misfit: float
+    by_motion: float
 
 
 class FirstStart:
@@ -75,7 +79,7 @@ class FirstStart:
             for name in self._free():
                 near = [getattr(best, name) + more for more in (-step, step)]
                 best = self._coarse(best, name, near)
-        nats, misfit = self.told(best)
+        nats, misfit, _ = self.told(best)
         return best if misfit < FITS and nats > max(self._as_filed(usual), NOTICED_NATS) else usual
 
     def told(self, day: Day) -> Told:
@@ -105,14 +109,29 @@ class FirstStart:
     def _told(self, day: Day, settings: BankSettings) -> Told:
         assert self.cut is not None
         cut = replace(self.cut, z=self.cut.z - np.array([day.offset, 0.0, 0.0]))
-        e = Bank(day.of(self.rig), settings).advance(cut)
-        read = np.isfinite(cut.z).sum(axis=1)
-        moving = e.active & (read > 0)
-        nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
-        return Told(nats_of(e), float(np.mean(nis[moving] / read[moving])))
+        return told_by(Bank(day.of(self.rig), settings).advance(cut), cut.z)
+
+
+def told_by(e: Estimate, z: Array) -> Told:
+    """What the estimate of a start says of how well it is explained; z: its readings (n, 3)."""
+    read = np.isfinite(z).sum(axis=1)
+    moving = e.active & (read > 0)
+    if not moving.any():
+        return Told(-math.inf, math.inf, -math.inf)
+    nis = e.nis[np.arange(e.t.size), e.probability.argmax(axis=1)]
+    nats = _nats(e)
+    rest = ~moving[BEGIN:]
+    calm = float(nats[rest].mean()) if rest.any() else 0.0
+    by_motion = float(nats[~rest].sum()) - calm * np.count_nonzero(~rest)
+    return Told(float(nats.sum()), float(np.mean(nis[moving] / read[moving])), by_motion)
 
 
 def nats_of(e: Estimate) -> float:
     """Log-likelihood of the readings under the whole bank: each sample's densities by the probabilities before it."""
+    return float(_nats(e).sum())
+
+
+def _nats(e: Estimate) -> Array:
+    """(n - BEGIN,) the same of each sample."""
     before = np.log(np.maximum(e.probability[BEGIN - 1 : -1], LEAST))
-    return float(np.logaddexp.reduce(before + e.density[BEGIN:], axis=1).sum())
+    return np.logaddexp.reduce(before + e.density[BEGIN:], axis=1)

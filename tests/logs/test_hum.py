@@ -9,8 +9,7 @@ from campaigns import RIG, log_of
 from logged_signals import ACCEL, SIGMA, SPEED, clock
 
 from observer_fi.learn.fit_readings import readings_to_fit
-from observer_fi.learn.logger.hum import without_lines
-from observer_fi.logs import acquisition_of
+from observer_fi.logs import Hum, acquisition_of, without_lines
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Line, Log
 
 MOVES, EVERY_S, MOVING_S = 4, 1.5, 0.5
@@ -180,3 +179,27 @@ def test_readings_of_a_fit_have_the_noise_that_is_left(seed: int) -> None:
     assert sorted(hummed.hum_hz)[2] == pytest.approx(50.0, abs=0.1)
     np.testing.assert_allclose(hummed.noise, plain.noise, rtol=0.03)
     assert (rms((hummed.logs[0].z - plain.logs[0].z) / SIGMA) < LEFT).all()
+
+
+# --- chunk by chunk ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rows", [700, 2500, 6000])
+def test_chunks_go_on_where_the_ones_before_ended(rows: int) -> None:
+    """Frequencies are those of the beginning; sizes and phases go on from rest to rest, and stand where a chunk has none."""
+    log = quiet(1600.0, 8, seed=5)
+    hummed = hum(log.t, 50.02, 5)
+    logged = with_z(log, log.z + hummed)
+    begun = logged.part(slice(0, 8000))
+    known = Hum(begun, acquisition_of(begun, SIGMA), 3)
+    assert known.any
+    chunks = [known.take(logged.part(slice(k, k + rows))) for k in range(0, log.t.size, rows)]
+    off = (np.concatenate([chunk.z for chunk in chunks]) - log.z) / SIGMA
+    assert (rms(off) < 2.0 * LEFT).all()
+
+
+def test_more_rests_can_be_asked_for() -> None:
+    log = quiet(1600.0, 1, seed=6)
+    logged = with_z(log, log.z + hum(log.t, 50.0, 6))
+    told = acquisition_of(logged, SIGMA)
+    assert Hum(logged, told).any and not Hum(logged, told, 3).any

@@ -1,0 +1,22 @@
+"""A log that begins within a start, while the supply limits the servo: nothing shows then how far its integral has wound up.
+
+A filter that begins there takes what it does not know for another inertia, or another supply.
+"""
+
+import numpy as np
+
+from observer_fi.physics import Rig
+from observer_fi.records import Log
+
+NEAR = 0.85  # of the supply of the rig file
+LONGEST_S = 0.25  # a servo that is at its limit for longer runs there, and begins where the log does
+
+
+def known_from(log: Log, rig: Rig) -> int:
+    """The first row from which voltage and current tell what the servo asks for: 0 of a log that begins at rest."""
+    if not rig.watched.servo or not log.w_cmd[:1].any():
+        return 0
+    begun = log.z[log.t <= log.t[0] + LONGEST_S]
+    supply = np.abs(begun[:, 0] + rig.model["Rs"] * begun[:, 1])
+    below = np.flatnonzero(supply < NEAR * rig.model["Vmax"])
+    return int(below[0]) if below.size else 0

@@ -1,0 +1,117 @@
+"""Zero of the current sensor, as motion in both directions tells it: two moves, or one that rings as it stops.
+
+At rest two zero offsets show as one: of voltage and current only their difference is left (`electrical_offset`). In motion an
+offset of the current is a torque that drives one way and brakes the other, which no friction does.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from observer_fi.bank import Bank, bank
+from observer_fi.logs import moves_from_rest
+from observer_fi.numerics import count_in_rows
+from observer_fi.physics import Rig, with_values
+from observer_fi.records import Log, Segment
+from observer_fi.settings import BankSettings
+from observer_fi.verdict.moves.of_the_day import BEGIN, LOOKED_AT, nats_of
+
+MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them, and of the stop after one
+NOTICED_NATS, FITS = (
+    40.0,
+    1.3,
+)  # that an offset must be worth, and how well nominal then fits: NIS over its expectation
+FIRST_STEP, WITHIN = 2.0, 0.02  # of the noise of a reading
+
+OffsetOf = Callable[[Rig], float]
+
+
+class Said(NamedTuple):
+    """Of some moves by the nominal filter: their nats, and its NIS in motion over its expectation."""
+
+    nats: float
+    misfit: float
+
+
+def zero_current(log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf) -> float:
+    """Offset of the current sensor [A], 0 where no moves of the beginning of a log tell one.
+
+    log: as filters may take it, but for the offset of its voltage, which is `offset_of` a rig.
+    """
+    if not rig.driven.motor or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+        return 0.0
+    for part in (*_both_ways(log), *_with_stops(log)):
+        moves = _Moves(part, rig, settings, offset_of)
+        if not offset_of(rig) and moves.said(0.0).misfit < LOOKED_AT:
+            return 0.0
+        zero = moves.best()
+        if moves.said(zero).misfit < FITS:
+            return zero if moves.gain(zero) > NOTICED_NATS else 0.0
+    return 0.0
+
+
+def with_zero(rig: Rig, zero: float) -> Rig:
+    """The rig whose current sensor is off by so much more [A]."""
+    return with_values(rig, {"current_offset": rig.model["current_offset"] + zero}) if zero else rig
+
+
+class _Moves:
+    """Moves that go both ways, by zeros of the current."""
+
+    def __init__(self, log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf) -> None:
+        self.log, self.rig, self.settings, self.offset_of = log, rig, settings, offset_of
+        self.read = count_in_rows(np.isfinite(log.z))
+
+    def said(self, zero: float) -> Said:
+        rig, log = self._with(zero)
+        e = Bank(rig, self.settings, hypotheses=bank(rig, self.settings)[:1]).advance(log)
+        moving = e.active & (self.read > 0)
+        misfit = e.nis[moving, 0] / self.read[moving]
+        return Said(float(np.nansum(e.density[BEGIN:, 0])), float(np.mean(misfit)))
+
+    def best(self) -> float:
+        """The zero with which nominal explains the moves best."""
+        noise = float(self.rig.noise_std[1])
+        found = minimize_scalar(
+            lambda steps: -self.said(steps * noise).nats, bracket=(0.0, FIRST_STEP), tol=WITHIN
+        )
+        return float(found.x) * noise
+
+    def gain(self, zero: float) -> float:
+        """Nats by which the bank, faults and all, explains the moves better than without it."""
+        with_it, without = (
+            Bank(rig, self.settings).advance(log) for rig, log in map(self._with, (zero, 0.0))
+        )
+        return nats_of(with_it) - nats_of(without)
+
+    def _with(self, zero: float) -> tuple[Rig, Log]:
+        rig = with_zero(self.rig, zero)
+        off = np.array([self.offset_of(rig), 0.0, 0.0])
+        return rig, replace(self.log, z=self.log.z - off)
+
+
+def _both_ways(log: Log) -> list[Log]:
+    """Neighbouring moves of the first ones, from the rest before them on, that go both ways."""
+    moves = moves_from_rest(log)
+    pairs = zip(moves[:MOVES], [*moves[1 : MOVES + 1], *moves[-1:]], strict=False)
+    parts = [_part(log, first, last.stop) for first, last in pairs]
+    return [part for part in parts if (part.w_cmd > 0.0).any() and (part.w_cmd < 0.0).any()]
+
+
+def _with_stops(log: Log) -> list[Log]:
+    """The first moves one by one, from the rest before them until they stand: a servo that brakes turns back and forth."""
+    moves = moves_from_rest(log)[:MOVES]
+    ends = [min(move.end, int(np.searchsorted(log.t, _last_s(log, move) + STOP_S))) for move in moves]
+    return [_part(log, move, end) for move, end in zip(moves, ends, strict=True)]
+
+
+def _last_s(log: Log, move: Segment) -> float:
+    return float(log.t[min(move.stop, log.t.size - 1)])
+
+
+def _part(log: Log, move: Segment, end: int) -> Log:
+    """The log from the rest before a move on, to no later than LONGEST_S after its start."""
+    return log.part(slice(move.rest, min(end, int(np.searchsorted(log.t, log.t[move.start] + LONGEST_S)))))
