@@ -65,7 +65,7 @@ def start(
         x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
         I, I_var = rest.I, rest.I_std**2
         if command0 != 0.0 and drive.servo and model["Ki"]:
-            I, I_var = _under_way(I, I_var, command0 - w, var[0], model)
+            I, I_var = _under_way(I, I_var, float(command0 - w), var[0], model)
         x[:3] = w, I, z[2] / model["position_gain"]
         var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, I_var, 10.0 * b.noise[2]
         slow, bias = (

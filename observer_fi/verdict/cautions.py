@@ -47,6 +47,11 @@ def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str
             f"voltage_v reads {with_unit(known.offset, 'V')} more at rest than current_a explains: taken for zero offsets "
             "and taken out; zero the sensors"
         )
+    if known.zero:
+        found.append(
+            f"current_a is {with_unit(known.zero, 'A')} off its zero, as motion in both directions shows: taken out; zero the "
+            "sensor"
+        )
     step = known.told.clock.resolution_s
     if step:
         found.append(

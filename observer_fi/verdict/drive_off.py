@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.records import Array, Estimate, Log
 
@@ -14,17 +15,23 @@ ALL = 0.99  # of them, but for spikes
 
 def without_off(e: Estimate, log: Log, noise: Array) -> Estimate:
     """The estimate of a log's samples, with no evidence in those of a rest in which the drive is off."""
-    still = np.flatnonzero(np.diff(np.concatenate(([False], log.w_cmd == 0.0, [False])).astype(np.int8)))
-    off = np.zeros(log.t.size, dtype=bool)
-    for first, end in zip(still[::2].tolist(), still[1::2].tolist(), strict=True):
-        if first > 0:
-            off[first + until_off(log.z[first:end, :2], noise[:2], 1.0 / log.rate_hz) : end] = True
+    off = is_off(log, noise)
     if not off.any():
         return e
     nis, normalised, density = (
         np.where(off[:, None], np.nan, told) for told in (e.nis, e.normalised, e.density)
     )
     return replace(e, nis=nis, normalised=normalised, density=density)
+
+
+def is_off(log: Log, noise: Array) -> NDArray[np.bool_]:
+    """(n,) whether a sample is of a rest in which the drive has been switched off."""
+    still = np.flatnonzero(np.diff(np.concatenate(([False], log.w_cmd == 0.0, [False])).astype(np.int8)))
+    off = np.zeros(log.t.size, dtype=bool)
+    for first, end in zip(still[::2].tolist(), still[1::2].tolist(), strict=True):
+        if first > 0:
+            off[first + until_off(log.z[first:end, :2], noise[:2], 1.0 / log.rate_hz) : end] = True
+    return off
 
 
 def until_off(electrical: Array, noise: Array, interval: float) -> int:

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hidden import draw_move_case, make_log_with
 from logged_signals import SIGMA
@@ -22,9 +23,9 @@ PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(
 
 
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
-         label: str = "nominal", low_passes: LowPasses = UNFILTERED) -> tuple[str, ...]:  # fmt: skip
+         label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0, lines: Any = None) -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(
-        rig=RIG, acquisition=acquisition, late=late, offset=offset, low_passes=low_passes
+        rig=RIG, told=acquisition, late=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines
     )
     isolation: Any = SimpleNamespace(
         verdict=SimpleNamespace(label=label), consistency=Consistency(nis, 3.0, 0.5)
@@ -85,6 +86,15 @@ def test_delays_offsets_and_a_machine_that_is_another_one() -> None:
     (model,) = told(nis=30.0)
     assert "squared 30, 3 expected" in model and "Identify the rig" in model
     assert told(nis=30.0, label="not_tested") == ()
+
+
+def test_what_was_taken_out_is_told_as_such() -> None:
+    hummed = of_current(lines=(Line(50.0, 2e-3),), as_white=3e-4)
+    lines: Any = SimpleNamespace(channels=[SimpleNamespace(hz=np.full(n, 50.0)) for n in (0, 1, 0)])
+    (said,) = told(hummed, lines=lines)
+    assert "current_a carries periodic disturbances at 50 Hz (2 mA): taken out" in said
+    (said,) = told(zero=-2e-3)
+    assert "current_a is -2 mA off its zero" in said and "zero the sensor" in said
 
 
 def test_several_are_all_told_by_channel() -> None:

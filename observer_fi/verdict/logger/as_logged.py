@@ -64,8 +64,8 @@ class AsLogged:
         A held reading holds its line too, and is left as it is.
         """
         before = self.acquisition
-        own = [c._replace(lines=()) if c.update_hz else c for c in before[:3]]
-        lines = Hum(log, Acquisition(*own, before.clock), FEWEST_RESTS)
+        voltage, current, position = (c._replace(lines=()) if c.update_hz else c for c in before[:3])
+        lines = Hum(log, Acquisition(voltage, current, position, before.clock), FEWEST_RESTS)
         if not lines.any:
             return log, start
         quiet = copy(lines).take(log)
@@ -83,8 +83,10 @@ class AsLogged:
         if self.with_lines is None:
             return self.acquisition
         pairs = zip(self.acquisition[:3], self.with_lines[:3], strict=True)
-        own = (now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs)
-        return Acquisition(*own, self.acquisition.clock)
+        voltage, current, position = (
+            now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs
+        )
+        return Acquisition(voltage, current, position, self.acquisition.clock)
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""

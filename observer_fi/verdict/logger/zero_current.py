@@ -17,6 +17,7 @@ from observer_fi.numerics import count_in_rows
 from observer_fi.physics import Rig, with_values
 from observer_fi.records import Log, Segment
 from observer_fi.settings import BankSettings
+from observer_fi.verdict.drive_off import is_off
 from observer_fi.verdict.moves.of_the_day import BEGIN, LOOKED_AT, nats_of
 
 MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them, and of the stop after one
@@ -25,6 +26,8 @@ NOTICED_NATS, FITS = (
     1.3,
 )  # that an offset must be worth, and how well nominal then fits: NIS over its expectation
 FIRST_STEP, WITHIN = 2.0, 0.02  # of the noise of a reading
+
+ELECTRICAL = np.array([True, True, False])  # of the channels
 
 OffsetOf = Callable[[Rig], float]
 
@@ -43,6 +46,7 @@ def zero_current(log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf
     """
     if not rig.driven.motor or not np.isfinite(log.z[:, :2]).any(axis=0).all():
         return 0.0
+    log = _driven(log, rig)
     for part in (*_both_ways(log), *_with_stops(log)):
         moves = _Moves(part, rig, settings, offset_of)
         if not offset_of(rig) and moves.said(0.0).misfit < LOOKED_AT:
@@ -91,6 +95,12 @@ class _Moves:
         rig = with_zero(self.rig, zero)
         off = np.array([self.offset_of(rig), 0.0, 0.0])
         return rig, replace(self.log, z=self.log.z - off)
+
+
+def _driven(log: Log, rig: Rig) -> Log:
+    """The log without voltage and current of a drive that is off: they are none, whatever the zeros are."""
+    off = is_off(log, rig.noise_std)
+    return replace(log, z=np.where(off[:, None] & ELECTRICAL, np.nan, log.z)) if off.any() else log
 
 
 def _both_ways(log: Log) -> list[Log]:
