@@ -55,6 +55,7 @@ OPPOSITE = (
     -0.38
 )  # autocorrelation of differences that shows a mean: -0.5 but for the error of a rest of 600 samples
 BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the largest of many
+UNBIASED, MOST_LOST = 4, 0.3  # times that what a mean takes away is put back, and no more than so much of the variance
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
@@ -231,6 +232,8 @@ def _at_rest(
     rounding = 0.0 if coarse is None else coarse**2 / 12.0
     noise = math.sqrt(max(variance - rounding, 0.0))
     factor, time = colour_of(quiet, interval) if noise > 0.0 else (1.0, None)
+    if time is not None:  # noise that wanders takes the means of the rests along
+        noise /= math.sqrt(1.0 - min(factor * len(quiet) / sum(y.size for y in quiet), MOST_LOST))
     stands = coarse is not None and coarse > STANDING * max(noise, usual)
     error = SAME_ERROR * rounding if stands else rounding
     return ChannelTraits(
@@ -477,14 +480,30 @@ def colour_of(pieces: Sequence[Array], interval: float) -> tuple[float, float | 
     lags = max(min(max(y.size for y in pieces) // 4, 400), 1)
     long_enough = [y for y in pieces if y.size > lags]
     weights = np.array([y.size for y in long_enough], dtype=float)
-    rho = np.stack([autocorrelation(y, lags) for y in long_enough]).T @ weights / weights.sum()
-    if rho[0] < max(COLOURED, 4.0 / math.sqrt(n)):
+    seen = np.stack([autocorrelation(y, lags) for y in long_enough]).T @ weights / weights.sum()
+    if seen[0] < max(COLOURED, 4.0 / math.sqrt(n)):
         return 1.0, None
-    below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
-    rho = rho[: int(below[0]) if below.size else rho.size]
+    factor, rho = 1.0, seen
+    for _ in range(UNBIASED):
+        rho = _with_mean(seen, weights.mean(), factor)
+        below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
+        rho = rho[: int(below[0]) if below.size else rho.size]
+        factor = 1.0 + 2.0 * float(rho.sum())
     clear = rho[rho > max(0.5 * rho[0], 3.0 / math.sqrt(n))]
     fall = np.polyfit(np.arange(clear.size), np.log(clear), 1)[0] if clear.size > 1 else math.log(rho[0])
-    return 1.0 + 2.0 * float(rho.sum()), interval / max(-fall, 1e-3)
+    beyond = rho[-1] / math.expm1(max(-fall, 1e-3))  # of what is cut off, as it falls
+    return factor + 2.0 * float(beyond), interval / max(-fall, 1e-3)
+
+
+def _with_mean(rho: Array, n: float, factor: float) -> Array:
+    """Autocorrelations of noise from those of pieces of n samples without their means, which wander with it.
+
+    To first order in what a mean takes away, factor / n of the variance (Priestley 1981, section 5.3.3, equation 5.3.14).
+    """
+    lost = min(factor / n, MOST_LOST)
+    return (rho * (1.0 - lost) + lost * (1.0 - np.arange(1, rho.size + 1) / n)) / (
+        1.0 - np.arange(1, rho.size + 1) / n
+    )
 
 
 def _between_neighbours(pieces: Sequence[Array]) -> float:

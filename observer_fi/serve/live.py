@@ -38,6 +38,7 @@ from observer_fi.verdict import (
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from
 START_S = 0.26  # of that move: what shows how late channels are
+STOP_S, MOVE_ROWS = 0.2, 1 << 15  # of its stop: what shows a wrong zero, and samples of a move that are kept for that
 
 
 class LiveBank(kernels.Bank):
@@ -135,33 +136,58 @@ Judged = tuple[Estimate, list[Change]]
 
 
 class Lesson:
-    """The first rest of a stream, and then the first start, from which a logger is learned.
+    """The first rest of a stream, then the first start, and then that move to its stop, from which a logger is learned.
 
-    table: (n, 6) samples kept, moved: whether the start is among them; complete: whether there is no more to wait for.
+    moved: whether the start is among the samples kept, stops: whether the stop is to be; complete: whether there is no more to
+    wait for.
     """
 
-    def __init__(self, table: Array | None = None) -> None:
-        self.table = table_of([]) if table is None else table
-        self.moved = table is not None
-        self.until = table[-1, 0] + START_S if table is not None and len(table) else np.inf
+    def __init__(self, table: Array | None = None, stops: bool = False) -> None:
+        self.kept = [table_of([]) if table is None else table]
+        self.moved, self.stops = table is not None, stops
+        begun = table is not None and len(table) and not stops
+        self.until = table[-1, 0] + START_S if table is not None and begun else np.inf
         self.complete = False
 
     def take(self, rows: Array) -> int:
         """Keep samples up to the end of the lesson; how many that were."""
+        if self.stops and np.isinf(self.until) and not rows[:, 5].all():
+            self.until = rows[int(np.argmin(np.abs(rows[:, 5]) > 0.0)), 0] + STOP_S
         after = rows[:, 0] > self.until if self.moved else np.abs(rows[:, 5]) > 0.0
         self.complete = bool(after.any())
         taken = int(np.argmax(after)) if self.complete else len(rows)
-        kept = np.concatenate((self.table, rows[:taken]))
-        self.table = kept if self.moved else kept[-REST_ROWS:]
+        self.kept.append(rows[:taken].copy())
+        if not self.moved and self._rows > 2 * REST_ROWS:
+            self.kept = [self.table]
         return taken
+
+    @property
+    def table(self) -> Array:
+        """(n, 6) samples kept."""
+        joined = np.concatenate(self.kept)
+        return joined if self.moved else joined[-REST_ROWS:]
+
+    @property
+    def _rows(self) -> int:
+        return sum(map(len, self.kept))
+
+    @property
+    def too_long(self) -> bool:
+        """Whether a move that goes on and on is no longer kept."""
+        return self.stops and self._rows > MOVE_ROWS
 
     def learned(self, rig: Rig, settings: BankSettings) -> AsLogged | None:
         """What the samples kept show of the logger, None where they are too few."""
         return AsLogged(log_of(self.table), rig, settings) if len(self.table) >= LEARNABLE else None
 
-    def next_one(self) -> "Lesson | None":
-        """The lesson after this one, None after the last."""
-        return Lesson(self.table) if not self.moved and len(self.table) >= LEARNABLE else None
+    def next_one(self, known: AsLogged | None) -> "Lesson | None":
+        """The lesson after this one, of which so much is known; None after the last.
+
+        How a motor stops tells two zero offsets apart, where there are any.
+        """
+        if not self.moved:
+            return Lesson(self.table) if len(self.table) >= LEARNABLE else None
+        return Lesson(self.table, stops=True) if not self.stops and known is not None and known.offset else None
 
 
 class Live:
@@ -207,16 +233,19 @@ class Live:
             if taken:
                 yield from self._batches(table[:taken], judge)
                 table, judge = table[taken:], self._next
-            if not self.lesson.complete:
-                continue
-            yield from self._taught(self.lesson)
+            if self.lesson.too_long:
+                self.lesson = None
+            elif self.lesson.complete:
+                yield from self._taught(self.lesson)
         if len(table):
             yield from self._batches(table, judge)
 
     def _taught(self, lesson: Lesson) -> Iterator[Judged]:
         """What samples kept say of the logger, and with it of themselves; a start is told only now."""
-        self.lesson = lesson.next_one()
         known = lesson.learned(self.rig, self.all_settings.bank)
+        self.lesson = lesson.next_one(known)
+        if lesson.stops and (known is None or not known.zero):
+            return
         if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
             e, changes = self._again(known, lesson.table)
             told = [change._replace(samples=self.samples) for change in changes[-1:]]  # others are past
@@ -225,7 +254,7 @@ class Live:
     @property
     def _in_first_start(self) -> bool:
         """Whether what the logger does is not known yet, though the motor runs: a fault may be a filter."""
-        return self.lesson is not None and self.lesson.moved
+        return self.lesson is not None and self.lesson.moved and not self.lesson.stops
 
     def _batches(self, table: Array, judge: Callable[[Array], Judged]) -> Iterator[Judged]:
         if judge == self._first:
@@ -264,7 +293,7 @@ class Live:
 
     def _cut_short(self) -> Iterator[Judged]:
         """What the first start says, where the stream ended in it."""
-        if self.lesson is None or not self.lesson.moved or self.last is None:
+        if not self._in_first_start or self.lesson is None or self.last is None:
             return
         yield from self._taught(self.lesson)
         e, event = self.last, self.verdict()

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden import draw_move_case, make_log_with
+from hidden import draw_effects_case, draw_move_case, make_log, make_log_with, there_and_back
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.bank import compiled_bank as kernels
@@ -13,7 +14,7 @@ from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Event, Log
-from observer_fi.serve.live import REST_ROWS, START_S, Lesson, Live
+from observer_fi.serve.live import MOVE_ROWS, REST_ROWS, START_S, STOP_S, Lesson, Live
 from observer_fi.settings import Settings
 from observer_fi.verdict import isolate
 from observer_fi.verdict.diagnosis import Diagnosis
@@ -122,10 +123,10 @@ def test_a_rest_is_learned_up_to_its_move_and_then_the_start() -> None:
     assert lesson.take(rows(300, 500)) == 300 and not lesson.complete
     assert lesson.take(rows(400, 500, 300)) == 200 and lesson.complete
     assert len(lesson.table) == 500 and not lesson.table[:, 5].any()
-    start = lesson.next_one()
+    start = lesson.next_one(None)
     assert start is not None and start.until == pytest.approx(499 / 1600.0 + START_S)
     assert start.take(rows(2000, 0, 500)) == round(START_S * 1600) and start.complete
-    assert start.next_one() is None
+    assert start.next_one(None) is None
 
 
 def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
@@ -135,7 +136,7 @@ def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
     assert len(lesson.table) == REST_ROWS and lesson.table[-1, 0] == pytest.approx(9999 / 1600.0)
     short = Lesson()
     short.take(rows(200, 50))
-    assert short.complete and short.learned(RIG, SETTINGS.bank) is None and short.next_one() is None
+    assert short.complete and short.learned(RIG, SETTINGS.bank) is None and short.next_one(None) is None
 
 
 def test_a_stream_that_begins_in_motion_learns_nothing_and_goes_on() -> None:
@@ -169,3 +170,40 @@ def test_a_stream_that_ends_in_its_first_start_says_what_it_knows() -> None:
     start = float(log.t[np.flatnonzero(log.w_cmd)[0]])
     live, told = streamed(log.part(slice(0, int(np.searchsorted(log.t, start + 0.24)))))
     assert live.lesson is None and all(what == "nominal" for _, what in told)
+
+
+@pytest.mark.parametrize("batch", [1, 7, 5000])
+def test_a_start_beside_an_offset_is_learned_to_its_stop(batch: int) -> None:
+    start = Lesson(rows(500, 500))
+    start.take(rows(416, 0, 500))
+    assert start.next_one(SimpleNamespace(offset=0.0)) is None
+    stop = start.next_one(SimpleNamespace(offset=0.03))
+    assert stop is not None and stop.stops
+    way = rows(3000, 0, 916)
+    way[1500:, 5] = 0.0
+    taken = 0
+    while not stop.complete:
+        taken += stop.take(way[taken : taken + batch])
+    assert taken == pytest.approx(1500 + STOP_S * 1600, abs=1) and len(stop.table) == 916 + taken
+    assert stop.next_one(SimpleNamespace(offset=0.03)) is None
+
+
+def test_a_move_without_end_is_not_kept() -> None:
+    stop = Lesson(rows(500, 100), stops=True)
+    while not stop.too_long:
+        stop.take(rows(5000, 0, 500))
+    assert len(stop.table) < MOVE_ROWS + 5001 and not stop.complete
+
+
+@pytest.mark.parametrize("batch", [64, 4096])
+def test_a_stream_with_two_zero_offsets_stays_healthy(batch: int) -> None:
+    """From the first stop on it knows both; moves at other speeds and pitches had been faults."""
+    for seed in (8400, 8401):
+        spec = draw_effects_case(seed, (), 0.0)
+        profile = there_and_back((410.0, 200.0), (0.5, 0.5), (0.0, 5.0))
+        log = log_from_frame(make_log(replace(spec, profile=profile), seed)[0])
+        log = replace(log, z=log.z + np.array([0.03, -2e-3, 0.0]))
+        live, told = streamed(log, batch)
+        assert live.as_logged is not None and live.as_logged.zero == pytest.approx(-2e-3, rel=0.2), seed
+        assert live.verdict().label == "nominal" and live.faulty == 0, seed
+        assert live.samples == log.t.size, seed

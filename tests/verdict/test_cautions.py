@@ -23,7 +23,8 @@ PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(
 
 
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
-         label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0, lines: Any = None) -> tuple[str, ...]:  # fmt: skip
+         label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0,
+         lines: Any = None) -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(
         rig=RIG, told=acquisition, late=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines
     )
