@@ -18,13 +18,13 @@ from observer_fi.bank.bank_state import (
 from observer_fi.bank.compiled_bank import Bank, LogSamples
 from observer_fi.bank.first_state import start
 from observer_fi.bank.hypotheses import (
-    REPEATING,
     Hypothesis,
     arrays,
     bank,
     of_a_move,
     on_top,
     other_laws,
+    repeat_share,
 )
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from observer_fi.bank.filterpy_bank import FilterpyBank
 
 __all__ = [
-    "REPEATING",
     "ROOMS",
     "Bank",
     "BankState",
@@ -53,6 +52,7 @@ __all__ = [
     "of_a_move",
     "on_top",
     "other_laws",
+    "repeat_share",
     "entries",
     "Visits",
     "state_of",

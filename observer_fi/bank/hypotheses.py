@@ -200,6 +200,8 @@ def _absent(rig: Rig) -> tuple[int, ...]:
 
 
 REPEATING = 0.1  # share of readings at rest that repeat themselves, from which that says nothing of a sensor
+# Times the share of readings that repeat themselves by chance: a density as narrow as that has at a repeat what chance says.
+BY_CHANCE = math.sqrt(math.e)
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
@@ -209,7 +211,8 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step.
     """
     fine = settings.repeat_scale * rig.neighbour_std
-    share = np.maximum(fine, WITHIN_STEP * rig.step) / rig.noise_std
+    chance = BY_CHANCE * rig.repeats * rig.neighbour_std
+    share = np.maximum.reduce((fine, WITHIN_STEP * rig.step, chance)) / rig.noise_std
     if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
     alone = np.array([False, "voltage_v" not in rig.watched.columns, False])

@@ -55,7 +55,10 @@ OPPOSITE = (
     -0.38
 )  # autocorrelation of differences that shows a mean: -0.5 but for the error of a rest of 600 samples
 BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the largest of many
-UNBIASED, MOST_LOST = 4, 0.3  # times that what a mean takes away is put back, and no more than so much of the variance
+UNBIASED, MOST_LOST = (
+    4,
+    0.3,
+)  # times that what a mean takes away is put back, and no more than so much of the variance
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at

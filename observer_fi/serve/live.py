@@ -38,7 +38,10 @@ from observer_fi.verdict import (
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from
 START_S = 0.26  # of that move: what shows how late channels are
-STOP_S, MOVE_ROWS = 0.2, 1 << 15  # of its stop: what shows a wrong zero, and samples of a move that are kept for that
+STOP_S, MOVE_ROWS = (
+    0.2,
+    1 << 15,
+)  # of its stop: what shows a wrong zero, and samples of a move that are kept for that
 
 
 class LiveBank(kernels.Bank):
@@ -187,7 +190,9 @@ class Lesson:
         """
         if not self.moved:
             return Lesson(self.table) if len(self.table) >= LEARNABLE else None
-        return Lesson(self.table, stops=True) if not self.stops and known is not None and known.offset else None
+        return (
+            Lesson(self.table, stops=True) if not self.stops and known is not None and known.offset else None
+        )
 
 
 class Live:

@@ -200,7 +200,25 @@ def test_coarse_readings_repeat_themselves_within_their_step() -> None:
 
 def test_where_readings_repeat_themselves_at_rest_a_repeat_says_nothing() -> None:
     np.testing.assert_array_equal(repeat_share(logged(repeats=0.5), SETTINGS), 1.0)
-    np.testing.assert_allclose(repeat_share(logged(repeats=0.05), SETTINGS), SETTINGS.repeat_scale)
+    np.testing.assert_allclose(repeat_share(logged(repeats=0.01), SETTINGS), SETTINGS.repeat_scale)
+
+
+@pytest.mark.parametrize("chance", [0.03, 0.06, 0.09])
+def test_readings_that_repeat_themselves_by_chance_gain_what_that_is_worth(chance: float) -> None:
+    """Of white noise in steps; five in a row had been a frozen sensor."""
+    share = repeat_share(logged(repeats=chance), SETTINGS)
+    step = chance * 2.0 * np.sqrt(np.pi)  # of the noise: two readings of it within one step
+    noise = np.random.default_rng(1).standard_normal(200_000)
+    read = step * np.round(noise / step)
+    again = np.diff(read) == 0.0
+    assert again.mean() == pytest.approx(chance, rel=0.05)
+    frozen = (
+        again / share[1]
+    )  # densities over those of the noise, which is near its mean where it repeats itself
+    healthy = np.exp(-0.5 * read[1:] ** 2)
+    assert np.mean(again) * np.log(1.0 / chance) == pytest.approx(
+        np.sum(np.log(frozen[again] / healthy[again])) / again.size, rel=0.15
+    )
 
 
 def test_a_fault_on_top_of_another_one_keeps_what_that_left_behind() -> None:

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from observer_fi.bank import REPEATING, between_samples
+from observer_fi.bank import between_samples, repeat_share
 from observer_fi.logs import (
     FEWEST_AT_REST,
     Hum,
@@ -109,12 +109,12 @@ class AsLogged:
         known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
         self.zero = self._zero_current(log, known)
         known = with_zero(known, self.zero)
-        self.offset = electrical_offset(self.acquisition, known) if self.zero else self.day.offset
+        self.offset = electrical_offset(self.acquisition, known, 0.0) if self.zero else self.day.offset
         self._begin(log, rig)
         self.phases = phases_of(self._behind_filters(log), known, self.settings)
-        as_filed = (
-            self.day.usual and (known.noise_std == rig.noise_std).all() and (known.repeats <= REPEATING).all()
-        )
+        shares = (repeat_share(one, self.settings) for one in (known, rig))
+        alike = bool(np.allclose(*shares, rtol=SAME_NOISE))
+        as_filed = self.day.usual and (known.noise_std == rig.noise_std).all() and alike
         whole = bool(np.isfinite(log.z[:, 0]).any())
         filed = as_filed and whole and not known.step.any() and not any(self.late) and not self.zero
         self.rig = self.phases.of(rig if filed else known)
@@ -200,7 +200,9 @@ class AsLogged:
         """How far the current sensor is off its zero [A], as a bank sees it that takes the rig as it is known so far."""
         self._begin(log, known)
         readings = self.set_back.take(self._on_even_clock(self.readings.take(log)))
-        return zero_current(readings, known, self.settings, partial(electrical_offset, self.acquisition))
+        return zero_current(
+            readings, known, self.settings, partial(electrical_offset, self.acquisition, least=0.0)
+        )
 
     def _on_even_clock(self, log: Log) -> Log:
         clock = self.acquisition.clock
@@ -236,10 +238,11 @@ def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:
     return a._replace(position=a.position._replace(travel=max(a.position.travel, float(np.ptp(moved)))))
 
 
-def electrical_offset(a: Acquisition, rig: Rig) -> float:
+def electrical_offset(a: Acquisition, rig: Rig, least: float = OFFSET) -> float:
     """Zero offset of the voltage against the current [V]: at rest equation 16 leaves their resistance only.
 
     Of two offsets only this sum shows in the motor's voltage balance; what is left of the current's is like friction.
+    least: of the noise of a reading, below which it is 0.
     """
     if not rig.driven.motor:
         return 0.0
@@ -248,4 +251,4 @@ def electrical_offset(a: Acquisition, rig: Rig) -> float:
     expected = in_python(equations.terminal_voltage)(current, 0.0, 0.0, model.vector)
     off = float(a.voltage.offset - expected - model["voltage_offset"])
     noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
-    return off if math.isfinite(off) and abs(off) > OFFSET * noise else 0.0
+    return off if math.isfinite(off) and abs(off) > least * noise else 0.0

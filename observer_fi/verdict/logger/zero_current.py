@@ -18,14 +18,15 @@ from observer_fi.physics import Rig, with_values
 from observer_fi.records import Log, Segment
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.drive_off import is_off
-from observer_fi.verdict.moves.of_the_day import BEGIN, LOOKED_AT, nats_of
+from observer_fi.verdict.moves.of_the_day import BEGIN, nats_of
 
 MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them, and of the stop after one
 NOTICED_NATS, FITS = (
     40.0,
     1.3,
 )  # that an offset must be worth, and how well nominal then fits: NIS over its expectation
-FIRST_STEP, WITHIN = 2.0, 0.02  # of the noise of a reading
+# Of the noise of a reading: half of how far hills are looked for at first, and how far at most; between two looks; and how well.
+FIRST_REACH, FARTHEST, STEP, WITHIN = 6.0, 100.0, 1.5, 0.02
 
 ELECTRICAL = np.array([True, True, False])  # of the channels
 
@@ -49,11 +50,10 @@ def zero_current(log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf
     log = _driven(log, rig)
     for part in (*_both_ways(log), *_with_stops(log)):
         moves = _Moves(part, rig, settings, offset_of)
-        if not offset_of(rig) and moves.said(0.0).misfit < LOOKED_AT:
-            return 0.0
-        zero = moves.best()
+        steep = moves.slope() > NOTICED_NATS
+        zero = moves.best() if steep else 0.0
         if moves.said(zero).misfit < FITS:
-            return zero if moves.gain(zero) > NOTICED_NATS else 0.0
+            return zero if steep and moves.gain(zero) > NOTICED_NATS else 0.0
     return 0.0
 
 
@@ -68,19 +68,46 @@ class _Moves:
     def __init__(self, log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf) -> None:
         self.log, self.rig, self.settings, self.offset_of = log, rig, settings, offset_of
         self.read = count_in_rows(np.isfinite(log.z))
+        self.known: dict[float, Said] = {}
 
     def said(self, zero: float) -> Said:
+        """What nominal says of the moves."""
+        if zero not in self.known:
+            self.known[zero] = self._said(zero)
+        return self.known[zero]
+
+    def _said(self, zero: float) -> Said:
         rig, log = self._with(zero)
         e = Bank(rig, self.settings, hypotheses=bank(rig, self.settings)[:1]).advance(log)
         moving = e.active & (self.read > 0)
         misfit = e.nis[moving, 0] / self.read[moving]
         return Said(float(np.nansum(e.density[BEGIN:, 0])), float(np.mean(misfit)))
 
+    def slope(self) -> float:
+        """Nats that are gained by a little to one side."""
+        near = STEP * float(self.rig.noise_std[1])
+        return max(self.said(near).nats, self.said(-near).nats) - self.said(0.0).nats
+
     def best(self) -> float:
-        """The zero with which nominal explains the moves best."""
+        """The zero with which nominal explains the moves best.
+
+        Where a motor sticks depends on it, so that there is more than one hill: all of them are looked at.
+        """
         noise = float(self.rig.noise_std[1])
+
+        def cost(steps: float) -> float:
+            return -self.said(steps * noise).nats
+
+        reach, top = FIRST_REACH, 0.0
+        costs: dict[float, float] = {}
+        while abs(top) > reach - STEP or not costs:
+            reach *= 2.0
+            costs |= {at: cost(at) for at in np.arange(-reach, reach + STEP, STEP) if at not in costs}
+            top = min(costs, key=costs.__getitem__)
+            if reach > FARTHEST:
+                break
         found = minimize_scalar(
-            lambda steps: -self.said(steps * noise).nats, bracket=(0.0, FIRST_STEP), tol=WITHIN
+            cost, bounds=(top - STEP, top + STEP), method="bounded", options={"xatol": WITHIN}
         )
         return float(found.x) * noise
 
