@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from observer_fi.bank import Bank, bank
 from observer_fi.logs import moves_from_rest
@@ -21,10 +20,8 @@ from observer_fi.verdict.drive_off import is_off
 from observer_fi.verdict.moves.of_the_day import BEGIN, nats_of
 
 MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them, and of the stop after one
-NOTICED_NATS, FITS = (
-    40.0,
-    1.3,
-)  # that an offset must be worth, and how well nominal then fits: NIS over its expectation
+# Nats that an offset must be worth, and how well nominal then fits: NIS over its expectation.
+NOTICED_NATS, FITS = 40.0, 1.3
 # Of the noise of a reading: half of how far hills are looked for at first, and how far at most; between two looks; and how well.
 FIRST_REACH, FARTHEST, STEP, WITHIN = 6.0, 100.0, 1.5, 0.02
 
@@ -93,6 +90,8 @@ class _Moves:
 
         Where a motor sticks depends on it, so that there is more than one hill: all of them are looked at.
         """
+        from scipy.optimize import minimize_scalar  # loads for as long as most logs are judged
+
         noise = float(self.rig.noise_std[1])
 
         def cost(steps: float) -> float:
