@@ -112,8 +112,8 @@ class AsLogged:
         self.offset = electrical_offset(self.acquisition, known, 0.0) if self.zero else self.day.offset
         self._begin(log, rig)
         self.phases = phases_of(self._behind_filters(log), known, self.settings)
-        now, usual = (repeat_share(one, self.settings) for one in (known, rig))
-        alike = bool(np.allclose(now, usual, rtol=SAME_NOISE))
+        of_log, of_file = (repeat_share(one, self.settings) for one in (known, rig))
+        alike = bool(np.allclose(of_log, of_file, rtol=SAME_NOISE))
         as_filed = self.day.usual and (known.noise_std == rig.noise_std).all() and alike
         whole = bool(np.isfinite(log.z[:, 0]).any())
         filed = as_filed and whole and not known.step.any() and not any(self.late) and not self.zero
