@@ -55,10 +55,8 @@ OPPOSITE = (
     -0.38
 )  # autocorrelation of differences that shows a mean: -0.5 but for the error of a rest of 600 samples
 BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the largest of many
-UNBIASED, MOST_LOST = (
-    4,
-    0.3,
-)  # times that what a mean takes away is put back, and no more than so much of the variance
+# Times that what the mean of a rest takes away is put back, and no more than so much of the variance.
+UNBIASED, MOST_LOST = 4, 0.3
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
 JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
@@ -501,12 +499,11 @@ def colour_of(pieces: Sequence[Array], interval: float) -> tuple[float, float | 
 def _with_mean(rho: Array, n: float, factor: float) -> Array:
     """Autocorrelations of noise from those of pieces of n samples without their means, which wander with it.
 
-    To first order in what a mean takes away, factor / n of the variance (Priestley 1981, section 5.3.3, equation 5.3.14).
+    rho (lags,). A mean has factor / n of the variance of the noise, which its pieces miss at every lag; a sum over n - k products
+    that is divided by n misses k / n besides.
     """
     lost = min(factor / n, MOST_LOST)
-    return (rho * (1.0 - lost) + lost * (1.0 - np.arange(1, rho.size + 1) / n)) / (
-        1.0 - np.arange(1, rho.size + 1) / n
-    )
+    return lost + rho * (1.0 - lost) / (1.0 - np.arange(1, rho.size + 1) / n)
 
 
 def _between_neighbours(pieces: Sequence[Array]) -> float:

@@ -95,9 +95,7 @@ def _found(t: Array, y: Array, rests: Sequence[Rows], hz: Sequence[float], fewes
         return NO_LINES
     middle = _middles(t, rests)
     fine = np.array([_finer(t, y, rests, f) for f in hz])
-    for _ in range(
-        POLISHED
-    ):  # what is left is less than a turn, and lines that stand beside each other share it
+    for _ in range(POLISHED):  # what is left is less than a turn; lines beside each other share it
         phase = np.unwrap(np.angle([_phasors(t[rest], y[rest], fine) for rest in rests]), axis=0)
         fine = fine + np.polyfit(middle, phase, 1)[0] / (2.0 * np.pi)
     own = np.array([_phasors(t[rest], y[rest], fine) for rest in rests])

@@ -38,10 +38,8 @@ from observer_fi.verdict import (
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from
 START_S = 0.26  # of that move: what shows how late channels are
-STOP_S, MOVE_ROWS = (
-    0.2,
-    1 << 15,
-)  # of its stop: what shows a wrong zero, and samples of a move that are kept for that
+STOP_S = 0.2  # of its stop: what shows a wrong zero
+MOVE_ROWS = 1 << 15  # samples of a move that are kept for that
 
 
 class LiveBank(kernels.Bank):

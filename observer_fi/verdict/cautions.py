@@ -32,9 +32,19 @@ class Part(NamedTuple):
     without_lines: bool = False
 
 
-def cautions(known: AsLogged, isolation: Isolation, rate_hz: float) -> tuple[str, ...]:
-    """What to say of a log and its verdict, none of an ideal logger on a rig that is the rig file's."""
+def cautions(
+    known: AsLogged, isolation: Isolation, rate_hz: float, left_out_s: float = 0.0
+) -> tuple[str, ...]:
+    """What to say of a log and its verdict, none of an ideal logger on a rig that is the rig file's.
+
+    left_out_s: of the begin of the log, that no filter took [s].
+    """
     found = [*_of_the_model(isolation)]
+    if left_out_s:
+        found.append(
+            f"the log begins within a start, while the supply limits the servo: its first {with_unit(left_out_s, 's')} are left "
+            "out, and what began in them is seen later; begin the log at rest"
+        )
     usual = known.rig.file_noise_std.tolist()
     own = zip(COLUMNS.items(), UNITS, usual, known.late, known.low_passes, strict=True)
     for c, ((name, column), unit, noise, late, low) in enumerate(own):

@@ -156,6 +156,7 @@ class Diagnosis:
         self.rig, self.settings, self.detected_at = rig, settings, detected_at
         self.logged = rig
         self.as_logged: AsLogged | None = None
+        self.left_out_s = 0.0  # of the log's begin
         self.engine, self.filter_kind = engine, filter_kind
         self._make_banks()
         modes = tuple(h.name for h in self.bank.hypotheses)
@@ -216,7 +217,11 @@ class Diagnosis:
 
     def _begun(self, log: Log) -> Log:
         """The chunk; the first one from where the servo is known."""
-        return log.part(slice(known_from(log, self.rig), None)) if self.as_logged is None else log
+        if self.as_logged is not None:
+            return log
+        first = known_from(log, self.rig)
+        self.left_out_s = float(log.t[first] - log.t[0])
+        return log.part(slice(first, None)) if first else log
 
     def _taken(self, log: Log) -> Log:
         """The next chunk as filters may take it; the first one says what its logger does, and the bank is fitted to that."""
@@ -381,7 +386,7 @@ class Diagnosis:
         )
 
     def _warnings(self, isolation: Isolation, foreign: str) -> tuple[str, ...]:
-        known = cautions(self.as_logged, isolation, self.rate) if self.as_logged else ()
+        known = cautions(self.as_logged, isolation, self.rate, self.left_out_s) if self.as_logged else ()
         return (
             *([foreign] if foreign else []),
             *(self.suspects or ()),

@@ -47,6 +47,10 @@ def test_a_campaign_that_begins_within_a_start_is_healthy(begin_s: float) -> Non
         profile = hidden.there_and_back((410.0, 200.0), (0.4, 0.4), (0.0, 5.0))
         log = log_from_frame(hidden.make_log(replace(spec, profile=profile), seed)[0])
         begun = log.part(slice(int(np.searchsorted(log.t, profile.moves[0].start_s + begin_s)), None))
-        isolation = diagnose_log(begun, RIG, Settings()).isolation
+        outcome = diagnose_log(begun, RIG, Settings())
+        isolation = outcome.isolation
         assert {event.label for event in isolation.events} == {"nominal"}, seed
         assert isolation.consistency.nis_mean < 1.5 * isolation.consistency.nis_expected
+        left_out = known_from(begun, RIG)
+        said = [words for words in outcome.warnings if "begins within a start" in words]
+        assert len(said) == bool(left_out) and outcome.samples == begun.t.size - left_out

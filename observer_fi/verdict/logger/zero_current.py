@@ -4,6 +4,7 @@ At rest two zero offsets show as one: of voltage and current only their differen
 offset of the current is a torque that drives one way and brakes the other, which no friction does.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -77,8 +78,8 @@ class _Moves:
         rig, log = self._with(zero)
         e = Bank(rig, self.settings, hypotheses=bank(rig, self.settings)[:1]).advance(log)
         moving = e.active & (self.read > 0)
-        misfit = e.nis[moving, 0] / self.read[moving]
-        return Said(float(np.nansum(e.density[BEGIN:, 0])), float(np.mean(misfit)))
+        misfit = float(np.mean(e.nis[moving, 0] / self.read[moving])) if moving.any() else math.inf
+        return Said(float(np.nansum(e.density[BEGIN:, 0])), misfit)
 
     def slope(self) -> float:
         """Nats that are gained by a little to one side."""

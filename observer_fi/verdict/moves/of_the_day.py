@@ -122,7 +122,7 @@ def told_by(e: Estimate, z: Array) -> Told:
     nats = _nats(e)
     rest = ~moving[BEGIN:]
     calm = float(nats[rest].mean()) if rest.any() else 0.0
-    by_motion = float(nats[~rest].sum()) - calm * np.count_nonzero(~rest)
+    by_motion = float(nats[~rest].sum() - calm * np.count_nonzero(~rest))
     return Told(float(nats.sum()), float(np.mean(nis[moving] / read[moving])), by_motion)
 
 
