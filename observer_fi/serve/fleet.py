@@ -310,49 +310,68 @@ def spread(
 ) -> Iterator[tuple[str, Any]]:
     """Names of the items and function(shared, *item) of each, or the error that it ended in, as workers finish them.
 
+    What is shared goes with every item: laid on the workers beforehand it may lie on one of them only, and die with it.
     Raises UsageError where there is no dask, or no scheduler; LostClusterError where the cluster goes on the way.
     """
     with _client(workers, scheduler) as client:
         from dask.distributed import as_completed
 
-        there = client.scatter(shared, broadcast=True, hash=False)
         turn = secrets.token_hex(4)  # names of logs need not be text
         futures = {
-            client.submit(function, there, *item, pure=False, key=f"observer-fi-{turn}-{k}", retries=0): name
+            client.submit(function, shared, *item, pure=False, key=f"observer-fi-{turn}-{k}", retries=0): name
             for k, (name, item) in enumerate(items.items())
         }
-        for future in _finished(client, as_completed(list(futures))):
-            yield futures.pop(future), _result_of(future)
+        for future, result in _finished(client, as_completed(list(futures))):
+            yield futures.pop(future), result
             future.release()
 
 
-def _result_of(future: Any) -> Any:
-    """What a finished future holds, or its error. Raises LostClusterError where it went with its cluster.
+def _finished(client: Any, under_way: Any) -> Iterator[tuple[Any, Any]]:
+    """Futures as they finish, with what they hold. Raises LostClusterError where none will any more.
 
-    A result stays on its worker until it is asked for: a connection may break here, too.
+    A result stays on its worker until it is asked for. Where that one died first another one does the log again,
+    which is waited for like any that is not done yet.
     """
-    try:
-        return future.exception() or future.result()
-    except (CancelledError, OSError, TimeoutError) as gone:
-        raise LostClusterError("the cluster is gone") from gone
-
-
-def _finished(client: Any, under_way: Any) -> Iterator[Any]:
-    """Futures as they finish. Raises LostClusterError where none will any more."""
     alive = time.monotonic()
     while not under_way.is_empty():
         if under_way.has_ready():
             future = next(under_way)
-            if future.status in ("cancelled", "lost"):
-                raise LostClusterError("the scheduler is gone")
-            yield future
-            alive = time.monotonic()
-            continue
+            try:
+                result = _result_of(future)
+            except _NotThereError:
+                under_way.add(future)
+            else:
+                yield future, result
+                alive = time.monotonic()
+                continue
         time.sleep(POLL_S)
         what = _missing(client)
         alive = alive if what else time.monotonic()
         if time.monotonic() - alive > GONE_S:
             raise LostClusterError(what)
+
+
+class _NotThereError(Exception):
+    """A result went with its worker; another one makes it again."""
+
+
+def _result_of(future: Any) -> Any:
+    """What a finished future holds, or its error.
+
+    Raises _NotThereError where it went with its worker, LostClusterError where it went with its cluster.
+    """
+    if future.status == "cancelled":
+        raise LostClusterError("the scheduler is gone")
+    if future.status in ("lost", "pending"):
+        raise _NotThereError
+    try:
+        return future.exception(timeout=GONE_S) or future.result(timeout=GONE_S)
+    except TimeoutError as late:
+        raise _NotThereError from late
+    except (CancelledError, OSError) as gone:
+        raise LostClusterError("the cluster is gone") from gone
+    except Exception as error:  # its second try ended in one
+        return error
 
 
 def _missing(client: Any) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import operator
 import os
 import re
 import signal
@@ -423,19 +424,76 @@ def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
     assert len(fleet.split(job, fleet.find_logs(job))[0]) >= 3  # they are not done again
 
 
-@pytest.mark.parametrize("error", [ConnectionResetError("reset"), TimeoutError("late"), CancelledError()])
-def test_a_result_that_cannot_be_fetched_is_a_lost_cluster(error: Exception) -> None:
-    """A log may be done just before its scheduler dies: its row is still on the worker then."""
+@pytest.mark.parametrize(
+    ("status", "error", "said"),
+    [
+        ("finished", ConnectionResetError("reset"), LostClusterError),
+        ("finished", CancelledError(), LostClusterError),
+        ("cancelled", None, LostClusterError),
+        ("finished", TimeoutError("late"), fleet._NotThereError),
+        ("lost", None, fleet._NotThereError),
+        ("pending", None, fleet._NotThereError),
+    ],
+)
+def test_a_result_that_cannot_be_fetched(status: str, error: Exception | None, said: type[Exception]) -> None:
+    """A log may be done just before its scheduler or its worker dies: its row is still on the worker then."""
+    with pytest.raises(said):
+        fleet._result_of(Held(status, error))
 
-    class Gone:
-        def exception(self) -> None:
-            return None
 
-        def result(self) -> None:
-            raise error
+class Held:
+    """A future as dask gives it: with a row, or with the error that asking for it ends in."""
 
-    with pytest.raises(LostClusterError):
-        fleet._result_of(Gone())
+    def __init__(self, status: str, error: Exception | None) -> None:
+        self.status, self.error = status, error
+
+    def exception(self, timeout: float) -> None:
+        return None
+
+    def result(self, timeout: float) -> str:
+        if self.error is not None:
+            raise self.error
+        return "row"
+
+
+def test_a_row_that_went_with_its_worker_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scheduler lives on and gives the log to another worker: no cluster is lost."""
+    monkeypatch.setattr(fleet, "_missing", lambda _: "")
+    monkeypatch.setattr(fleet, "POLL_S", 0.0)
+    lost = Held("lost", None)
+
+    class UnderWay:
+        def __init__(self) -> None:
+            self.ready = [Held("finished", None), lost]
+
+        def is_empty(self) -> bool:
+            return not self.ready
+
+        def has_ready(self) -> bool:
+            return bool(self.ready)
+
+        def __next__(self) -> Held:
+            return self.ready.pop(0)
+
+        def add(self, future: Held) -> None:
+            future.status = "finished"  # another worker did it
+            self.ready.append(future)
+
+    found = list(fleet._finished(None, UnderWay()))
+    assert [row for _, row in found] == ["row", "row"] and found[-1][0] is lost
+
+
+def test_rows_that_wait_on_a_worker_that_dies_are_made_again(cluster: tuple[str, Processes]) -> None:
+    """Rows are asked for one by one, and a quick fleet has most of them ready by then."""
+    address, workers = cluster
+    items = {str(k): (k,) for k in range(60)}
+    rows = {}
+    for name, row in fleet.spread(operator.add, 1, items, 2, address):
+        if not rows:
+            time.sleep(1.0)  # both workers are done, and hold half of the rows each
+            workers[0].send_signal(signal.SIGKILL)
+        rows[name] = row
+    assert rows == {str(k): k + 1 for k in range(60)}
 
 
 def test_trend_on_a_cluster_that_is_lost_says_so(
