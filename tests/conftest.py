@@ -21,3 +21,13 @@ def recorded_data() -> Path:
     if not folder.is_dir():
         pytest.fail(f"OBSERVER_FI_DATA names {folder}, which is not a folder")
     return folder
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that share a costly fixture of their module go to one worker: the others would make it again."""
+    for item in items:
+        known = getattr(item, "_fixtureinfo", None)
+        definitions = [found[-1] for found in known.name2fixturedefs.values()] if known else []
+        if any(one.scope == "module" for one in definitions):
+            item.add_marker(pytest.mark.xdist_group(str(item.path)))

@@ -34,6 +34,7 @@ from observer_fi.verdict import (
     moving_samples,
     tested,
 )
+from observer_fi.verdict.logger.begun_at_the_limit import at_the_limit, known_from
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from
@@ -196,7 +197,8 @@ class Lesson:
 class Live:
     """One stream under way: `add` samples in order, take the changes of the verdict.
 
-    The first samples are held until the sampling interval and the first readings are known (at most START_ROWS).
+    The first samples are held until the sampling interval and the first readings are known (at most START_ROWS), and while the
+    supply limits a servo whose start nobody saw.
     """
 
     def __init__(
@@ -221,10 +223,9 @@ class Live:
         table = table_of(rows)
         if self.held is not None:
             self.held = np.concatenate((self.held, table))
-            if not self._ready(self.held):
+            if not self._ready(self.held) or at_the_limit(log_of(self.held), self.rig):
                 return
-            table, self.held = self.held, None
-            self._begin(table)
+            table = self._begun(self.held)
             yield from self._learning(table, self._first)
             return
         yield from self._learning(table, self._next)
@@ -287,10 +288,8 @@ class Live:
 
     def finish(self) -> Iterator[tuple[Estimate, list[Change]]]:
         """What the samples say that were still held when the stream ended."""
-        table, self.held = self.held, None
-        if table is not None and table.size:
-            self._begin(table)
-            yield from self._batches(table, self._first)
+        if self.held is not None and self.held.size:
+            yield from self._batches(self._begun(self.held), self._first)
         yield from self._cut_short()
         yield from self._answered()
 
@@ -332,11 +331,14 @@ class Live:
             self.reported = told.label, told.channel
             yield Change(float(e.t[k]), told, moves, self.samples - e.t.size + k + 1)
 
-    def _begin(self, table: Array) -> None:
-        """Fit the bank to what the first samples, (n, 6), show of the readings."""
+    def _begun(self, table: Array) -> Array:
+        """The first samples, (n, 6), from where the servo is known on; the bank is fitted to what they show of the readings."""
+        first = known_from(log_of(table), self.rig)
+        self.held, self.samples, table = None, first, table[first:]
         bank = for_readings(self.all_settings.bank, self.rig, table[:, 1:4])
         if bank is not self.all_settings.bank:
             self._make_bank(replace(self.all_settings, bank=bank), self.rig)
+        return table
 
     def _make_bank(self, settings: Settings, rig: Rig) -> None:
         compiled = self.engine == "compiled"

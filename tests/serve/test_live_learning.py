@@ -207,3 +207,34 @@ def test_a_stream_with_two_zero_offsets_stays_healthy(batch: int) -> None:
         assert live.as_logged is not None and live.as_logged.zero == pytest.approx(-2e-3, rel=0.2), seed
         assert live.verdict().label == "nominal" and live.faulty == 0, seed
         assert live.samples == log.t.size, seed
+
+
+@cache
+def begun_in_a_start(seed: int, begin_s: float, label: str = "nominal") -> Log:
+    """Moves there and back through an ideal logger, from a while after the first one began."""
+    profile = there_and_back((410.0, 200.0), (0.4, 0.4), (0.0, 5.0))
+    spec = replace(draw_effects_case(seed, (), 0.0), profile=profile)
+    log = log_from_frame(make_log(spec, seed)[0])
+    return log.part(slice(int(np.searchsorted(log.t, profile.moves[0].start_s + begin_s)), None))
+
+
+@pytest.mark.parametrize("begin_s", [0.012, 0.03, 0.1])
+def test_a_stream_that_begins_at_the_limit_of_the_supply_is_healthy(begin_s: float) -> None:
+    """Filters that began there took the integral that they do not know for half the inertia."""
+    for seed in (8200, 8201, 8202):
+        log = begun_in_a_start(seed, begin_s)
+        live, told = streamed(log)
+        assert {label for _, label in told} == {"nominal"} and live.verdict().label == "nominal", (seed, told)
+        assert live.samples == log.t.size
+
+
+@pytest.mark.parametrize("batch", [1, 7, 1000])
+def test_what_is_left_out_does_not_depend_on_batches(batch: int) -> None:
+    log = begun_in_a_start(8203, 0.02)
+    assert streamed(log, batch)[1] == streamed(log)[1]
+
+
+def test_a_stream_that_ends_at_the_limit_says_nothing_of_it() -> None:
+    log = begun_in_a_start(8204, 0.012)
+    live, told = streamed(log.part(slice(0, 12)), 1)
+    assert told == [] and live.samples == 12
