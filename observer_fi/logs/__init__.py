@@ -8,7 +8,6 @@ from observer_fi.logs.acquisition import (
     SET_UP_DEG,
     acquisition_of,
     channel_traits,
-    clock_of,
     rests_for_noise,
     rests_of,
     stuck_from,
@@ -16,7 +15,7 @@ from observer_fi.logs.acquisition import (
     with_logger,
     without_spikes,
 )
-from observer_fi.logs.clock import even, on_its_clock
+from observer_fi.logs.clock import clock_of, even, on_its_clock
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
 from observer_fi.logs.formats.registry import SUFFIXES

@@ -12,9 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.numerics import autocorrelation, runs
+from observer_fi.logs.clock import clock_of
+from observer_fi.numerics import autocorrelation, resolution_of, runs
 from observer_fi.physics import Rig
-from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Clock, Line, Log
+from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Line, Log
 
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
@@ -38,7 +39,6 @@ SWITCHED = (1.5, 8.0)  # by what noise grows in another range
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
-MULTIPLE, MOSTLY = 0.05, 0.98  # a reading is a multiple of a step within this share of it, and so many are
 HELD = 0.3  # share of repeated readings from which a channel may be held
 SAME_PACE = 0.15  # relative: as often as steps of the reading at its speed
 IN_TURN = 0.8  # of a period: changes that come sooner after another are none of ticks
@@ -58,7 +58,6 @@ BY_CHANCE = 5.0  # standard deviations of a correlation that is none, the larges
 # Times that what the mean of a rest takes away is put back, and no more than so much of the variance.
 UNBIASED, MOST_LOST = 4, 0.3
 COLOURED = 0.15  # autocorrelation of neighbours from which noise is called coloured
-JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 LONGEST = 1 << 16  # samples that are looked at
 # Samples that a sensor that got stuck repeats itself; times as long as it ever did while it worked.
 STUCK, STUCK_FOR = 50, 20
@@ -338,23 +337,6 @@ def _white(z: Array) -> float:
     return float(np.sqrt(np.mean(second[usual] ** 2) / 6.0)) if usual.any() else 0.0
 
 
-def resolution_of(changes: Array) -> float | None:
-    """The step of which all changes of a reading are multiples, None where there is none."""
-    sizes = np.abs(changes[np.isfinite(changes)])
-    sizes = sizes[sizes > 0.0]
-    if sizes.size < 8:
-        return None
-    step = float(np.quantile(sizes, 0.002))
-    small = sizes[sizes < 30.0 * step]
-    for _ in range(3):
-        times = np.round(small / step)
-        whole = (np.abs(small - times * step) < MULTIPLE * step) & (times > 0)
-        if whole.mean() < MOSTLY or small.size < 8:
-            return None
-        step = float((small[whole] * times[whole]).sum() / (times[whole] ** 2).sum())
-    return step
-
-
 def update_samples(row: NDArray[np.int64], z: Array, w_cmd: Array) -> float | None:
     """Samples between two updates of a held reading, None where readings are not held. row: (n,) counts missing samples too.
 
@@ -528,31 +510,3 @@ def averaged_of(pieces: Sequence[Array]) -> int:
         BY_CHANCE / math.sqrt(y.size), 0.6 * abs(float(rho[k]))
     )  # the largest of many lags of a short rest
     return k + 1 if rho[k] < OPPOSITE and others < max(-0.5 * OPPOSITE, chance) else 1
-
-
-def _evenly(t: Array, step: float) -> bool:
-    """Whether time stamps are those of an even clock but for rounding: where rows are missing they are not."""
-    row = np.arange(t.size)
-    return bool(np.abs(t - np.polyval(np.polyfit(row, t, 1), row)).max() < step)
-
-
-def clock_of(t: Array) -> Clock:
-    """Jitter of the time stamps about even ones, and their step [s]."""
-    if t.size < FEWEST:
-        return Clock(0.0, None, math.nan)
-    dt = np.diff(t)
-    interval = float(np.median(dt))
-    off = np.abs(dt - interval)
-    if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
-        return Clock(0.0, None, interval)
-    step = resolution_of(dt)
-    spread = 0.05 * interval, 4.0 * float(dt.std())
-    rounded = (
-        step is not None and spread[0] < step < spread[1] and (step < 0.9 * interval or _evenly(t, step))
-    )
-    coarse = step if rounded else None
-    usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
-    jitter = float(np.std(usual)) / math.sqrt(2.0)
-    if jitter < JITTER * interval:
-        return Clock(0.0, None, interval)
-    return Clock(jitter, coarse, float(usual.mean()) if coarse else interval)

@@ -3,25 +3,72 @@
 A row that a logger lost is one whose readings nobody knows, and no end of a move: its command follows from the rows around it.
 """
 
+import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.logs.acquisition import clock_of
+from observer_fi.numerics import resolution_of
 from observer_fi.physics import Rig, corners
-from observer_fi.records import SAMPLES, Array, Log
+from observer_fi.records import SAMPLES, Array, Clock, Log
 
+JITTER, JITTERING = 1e-3, 0.02  # of the sampling interval: less is none; of the samples: fewer are gaps
 FEWEST = 100  # time stamps that tell an even clock
 GAP = 1.5  # intervals between two samples from which one is missing
-WINDOW, FOLLOWS = 20, 0.3  # samples that tell an interval; share of a stamp's error that a clock follows
+# Samples that tell an interval; share of a stamp's error that a clock follows, and of stretches that lack no row at least.
+WINDOW, FOLLOWS, SURELY = 20, 0.3, 0.05
 STAMPS_S, COARSE, ALIKE = (
     (1e-2, 1e-3, 1e-4, 1e-5),
     20.0,
     0.02,
 )  # steps of stamps [s], of which an interval is fewer; of one
 LONGEST_S = 0.05  # of a gap over which the command is known
+
+
+def _evenly(t: Array, step: float) -> bool:
+    """Whether time stamps are those of an even clock but for rounding: where rows are missing they are not."""
+    row = np.arange(t.size)
+    return bool(np.abs(t - np.polyval(np.polyfit(row, t, 1), row)).max() < step)
+
+
+def clock_of(t: Array) -> Clock:
+    """Jitter of the time stamps about even ones, and their step [s]."""
+    if t.size < FEWEST:
+        return Clock(0.0, None, math.nan)
+    dt = np.diff(t)
+    interval = float(np.median(dt))
+    off = np.abs(dt - interval)
+    if np.mean(off > JITTER * interval) < JITTERING:  # a gap now and then is none
+        return Clock(0.0, None, interval)
+    step = resolution_of(dt)
+    spread = 0.05 * interval, 4.0 * float(dt.std())
+    rounded = (
+        step is not None and spread[0] < step < spread[1] and (step < 0.9 * interval or _evenly(t, step))
+    )
+    return _meant(t, dt, step if rounded else None) or _jittering(dt, interval, step if rounded else None)
+
+
+def _meant(t: Array, dt: Array, step: float | None) -> Clock | None:
+    """An even clock whose stamps are rounded; where it lacks rows gaps look like rounding, and rounding like gaps."""
+    usual = _usual(t)
+    step = step or _step_of(t, usual)
+    meant = even(t, usual, step) if step else t
+    if meant is t:
+        return None
+    apart = np.diff(meant)
+    return Clock(float(np.std(dt - apart)) / math.sqrt(2.0), step, float(np.median(apart)))
+
+
+def _jittering(dt: Array, interval: float, coarse: float | None) -> Clock:
+    """Of stamps dt (n,) apart, rounded or not."""
+    usual = dt[dt < 1.5 * interval + (coarse or 0.0)]
+    jitter = float(np.std(usual)) / math.sqrt(2.0)
+    if jitter < JITTER * interval:
+        return Clock(0.0, None, interval)
+    return Clock(jitter, coarse, float(usual.mean()) if coarse else interval)
 
 
 def even(t: Array, interval: float, step: float) -> Array:
@@ -31,7 +78,7 @@ def even(t: Array, interval: float, step: float) -> Array:
     """
     if t.size < FEWEST or step >= interval:
         return t
-    for counted in (_every, _rounded, _tracked):
+    for counted in (_every, _rounded, _tracked, partial(_tracked, share=SURELY)):
         count = counted(t, interval)
         fitted = np.asarray(np.polyval(np.polyfit(count, t, 1), count), dtype=np.float64)
         if np.abs(t - fitted).max() < step and (np.diff(count) >= 1.0).all():
@@ -49,9 +96,12 @@ def _rounded(t: Array, interval: float) -> Array:
     return np.round((t - t[0]) / interval).astype(np.float64)
 
 
-def _tracked(t: Array, interval: float) -> Array:
-    """(n,) numbers of the samples where rows are missing and the interval is known about: by a clock that follows the stamps."""
-    interval = _usual(t)
+def _tracked(t: Array, interval: float, share: float = 0.5) -> Array:
+    """(n,) numbers of the samples where rows are missing and the interval is known about: by a clock that follows the stamps.
+
+    share: of the stretches of stamps, how many lack no row.
+    """
+    interval = _usual(t, share)
     count, number, at = np.zeros(t.size), 0.0, float(t[0])
     for k, stamp in enumerate(t[1:].tolist(), 1):
         ahead = max(round((stamp - at) / interval), 1)
@@ -67,9 +117,10 @@ def on_its_clock(log: Log, rig: Rig) -> Log:
     Gaps longer than `LONGEST_S` stay.
     """
     clock = clock_of(log.t)
-    step = clock.resolution_s or _step_of(log.t)
+    usual = _usual(log.t)
+    step = clock.resolution_s or _step_of(log.t, usual, float(np.median(np.diff(log.t))))
     if step:
-        t = even(log.t, clock.interval_s if clock.resolution_s else _usual(log.t), step)
+        t = even(log.t, clock.interval_s if clock.resolution_s else usual, step)
         if t is log.t:
             return log  # a gap may be of the rounding
         log = replace(log, t=t)
@@ -77,17 +128,19 @@ def on_its_clock(log: Log, rig: Rig) -> Log:
     return _with_rows(log, missing, rig) if missing.size else log
 
 
-def _usual(t: Array) -> float:
-    """The interval of a clock whose stamps are rounded [s]: the mean of a few, where most of these lack no row."""
-    return float(np.median((t[WINDOW:] - t[:-WINDOW]) / WINDOW))
+def _usual(t: Array, share: float = 0.5) -> float:
+    """The interval of a clock whose stamps are rounded [s]: the mean of a few, where such a share of these lacks no row."""
+    return float(np.quantile((t[WINDOW:] - t[:-WINDOW]) / WINDOW, share))
 
 
-def _step_of(t: Array) -> float | None:
-    """The power of ten to which stamps are rounded, so coarsely that intervals are no multiples of one; None for finer ones."""
+def _step_of(t: Array, *usual: float) -> float | None:
+    """The power of ten to which stamps are rounded, so coarsely that intervals are no multiples of a usual one; None for finer
+    ones.
+    """
     if t.size < FEWEST:
         return None
-    interval, apart = _usual(t), np.diff(t)
-    for one in (interval, float(np.median(apart))):
+    interval, apart = usual[0], np.diff(t)
+    for one in usual:
         if np.abs(apart / one - np.round(apart / one)).max() < ALIKE:
             return None
     for step in STAMPS_S:

@@ -45,6 +45,7 @@ from observer_fi.numerics.series import (
     count_in_rows,
     filled,
     first_beyond,
+    resolution_of,
     runs,
     weighted_means,
 )
@@ -53,6 +54,7 @@ __all__ = [
     "MOST",
     "digits",
     "readable",
+    "resolution_of",
     "readable_share",
     "size_words",
     "to_the_error",

@@ -1,4 +1,4 @@
-"""Series of samples: runs of a mask, missing values filled, autocorrelation."""
+"""Series of samples: runs of a mask, missing values filled, autocorrelation, the step they change by."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +7,7 @@ from observer_fi.numerics.compile import uncounted
 from observer_fi.records import Array
 
 Rows = NDArray[np.int64]
+MULTIPLE, MOSTLY = 0.05, 0.98  # a number is a multiple of a step within this share of it, and so many are
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Rows, Rows]:
@@ -91,3 +92,20 @@ def _first_beyond(y: Array, weight: float, mean: Array, left: float, limit: floa
             if mean[c] * mean[c] > most:
                 first = min(first, k)
     return first
+
+
+def resolution_of(changes: Array) -> float | None:
+    """The step of which all changes of a reading, (n,), are multiples, None where there is none."""
+    sizes = np.abs(changes[np.isfinite(changes)])
+    sizes = sizes[sizes > 0.0]
+    if sizes.size < 8:
+        return None
+    step = float(np.quantile(sizes, 0.002))
+    small = sizes[sizes < 30.0 * step]
+    for _ in range(3):
+        times = np.round(small / step)
+        whole = (np.abs(small - times * step) < MULTIPLE * step) & (times > 0)
+        if whole.mean() < MOSTLY or small.size < 8:
+            return None
+        step = float((small[whole] * times[whole]).sum() / (times[whole] ** 2).sum())
+    return step

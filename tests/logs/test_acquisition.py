@@ -8,12 +8,12 @@ from logged_signals import RATE, SIGMA, clean, clock, coloured, command, held, l
 
 from observer_fi.logs.acquisition import (
     acquisition_of,
-    clock_of,
     lines_of,
-    resolution_of,
     rests_of,
     without_spikes,
 )
+from observer_fi.logs.clock import clock_of
+from observer_fi.numerics import resolution_of
 from observer_fi.records import Acquisition, ChannelTraits, Log
 
 CHANNELS = ("voltage", "current", "position")
@@ -344,6 +344,17 @@ def test_stamps_rounded_to_a_millisecond() -> None:
     found = clock_of(np.round(clock(3.0, 800.0), 3))
     assert found.resolution_s == pytest.approx(1e-3, rel=0.05)
     assert found.interval_s == pytest.approx(1.0 / 800.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.005, 0.03])
+@pytest.mark.parametrize("rate", [400.0, 640.0, 800.0])
+def test_stamps_are_rounded_where_rows_are_missing_too(rate: float, share: float) -> None:
+    """The median of what is left between stamps is a millisecond, and what is not looks like gaps."""
+    for seed in range(4):
+        t = np.round(clock(3.0, rate), 3)
+        found = clock_of(t[np.random.default_rng(seed).random(t.size) >= share])
+        assert found.resolution_s == pytest.approx(1e-3, rel=0.05), seed
+        assert found.interval_s == pytest.approx(1.0 / rate, rel=1e-3)
 
 
 def without(share: float, seed: int) -> np.ndarray:

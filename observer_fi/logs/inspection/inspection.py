@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.acquisition import JITTER, acquisition_of, clock_of
+from observer_fi.logs.acquisition import acquisition_of
+from observer_fi.logs.clock import JITTER, clock_of
 from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap, columns_from_table
 from observer_fi.logs.ingest import open_log
 from observer_fi.logs.inspection.commands import with_commands
