@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.rig_scale import PAPERS_HZ, Scale, scale_of
@@ -202,6 +203,7 @@ def _absent(rig: Rig) -> tuple[int, ...]:
 REPEATING = 0.1  # share of readings at rest that repeat themselves, from which that says nothing of a sensor
 # Times the share of readings that repeat themselves by chance: a density as narrow as that has at a repeat what chance says.
 BY_CHANCE = math.sqrt(math.e)
+SLACK = 0.5  # nats
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
@@ -213,10 +215,24 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     fine = settings.repeat_scale * rig.neighbour_std
     chance = BY_CHANCE * rig.repeats * rig.neighbour_std
     share = np.maximum.reduce((fine, WITHIN_STEP * rig.step, chance)) / rig.noise_std
+    share = np.where(_usual(share, rig), 1.0, share)
     if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
     alone = np.array([False, "voltage_v" not in rig.watched.columns, False])
     return np.where((rig.repeats > REPEATING) | alone, np.maximum(_foretold(rig, settings), 1.0), share)
+
+
+def _usual(share: Array, rig: Rig) -> NDArray[np.bool_]:
+    """(3,) whether a reading as close to the one before as `share` (3,) of its standard deviation is no news.
+
+    Noise that wanders, or hum, is taken for white noise of its density: beside that every reading is close to the one before,
+    and one that repeats it by chance gains more than chance allows.
+    """
+    gained = -np.log(np.minimum(share, 1.0))
+    with np.errstate(divide="ignore"):
+        chance = np.log(BY_CHANCE * rig.repeats)
+    apart = (rig.neighbour_std / (share * rig.noise_std)) ** 2
+    return np.asarray((gained > apart) | (gained + chance > SLACK), dtype=np.bool_)
 
 
 def _foretold(rig: Rig, settings: BankSettings) -> Array:

@@ -3,7 +3,6 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from observer_fi.logs.acquisition import FEWEST as FEWEST_AT_REST
 from observer_fi.logs.acquisition import (
     SET_UP_DEG,
     acquisition_of,
@@ -15,6 +14,7 @@ from observer_fi.logs.acquisition import (
     with_logger,
     without_spikes,
 )
+from observer_fi.logs.acquisition import SHORT as SHORTEST_REST
 from observer_fi.logs.clock import clock_of, even, on_its_clock
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
@@ -105,7 +105,7 @@ __all__ = [
     "understood",
     "shown_range",
     "Excitation",
-    "FEWEST_AT_REST",
+    "SHORTEST_REST",
     "FEWEST_STEPS",
     "PLAIN",
     "Parser",

@@ -19,10 +19,8 @@ from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Lin
 
 Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
-SHORT, SETTLES = (
-    50,
-    5.0,
-)  # samples of a rest before any move, and by which later ones scatter more in which a motor settles
+# Samples of rests where none is longer, those of slow loggers; by which later rests scatter more in which a motor settles.
+SHORT, SETTLES = 24, 5.0
 SETTLED_S = 0.3  # after a stop, until a rest is one
 SET_UP_DEG = 1.0  # of the pitch from one sample to the next: nobody tilts a rig so fast while it moves
 FOREIGN = 5.0  # times its noise: a logger that a rig file does not know
@@ -32,10 +30,14 @@ FAR, ALONE = 8.0, 4.0
 # Samples on either side of a spike in which the command stands still: of one that tells that a logger has spikes, and of those of
 # a logger that has.
 UNMOVED, NEAR = 80, 2
+ENOUGH = 0.8  # of the readings of a short rest
 FEWEST_TICKS = 8  # fresh readings of a held channel at rest from which its noise is told
 # Of normal noise; standard deviations by which samples at once are off the level of a rest where the motor is driven.
 SIGMA_OF_MAD, DRIVEN, AT_ONCE = 1.4826, 3.0, 5
 SWITCHED = (1.5, 8.0)  # by what noise grows in another range
+# Relative, of how noise grew, between rests of FEWEST readings; and by how many times what fewer readings add it must grow more.
+USUAL_DOUBT, SURELY = 0.1, 4.0
+FEWEST_GROWN = 12  # readings of a rest that tell it
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
@@ -81,16 +83,20 @@ def _without_unread(log: Log) -> Log:
 
 
 def rests_for_noise(log: Log) -> list[slice]:
-    """The rests of the beginning of a log in which nothing is driven, as far as they tell anything.
+    """The rests of the beginning of a log in which nothing is driven, as far as they tell anything: long ones if any.
 
     Only the one before any move, which may be short, where a motor still settles in all others.
     """
     part = slice(0, LONGEST)
     t, z, w, pitch = log.t[part], log.z[part], log.w_cmd[part], log.pitch[part]
-    rests = [undriven(still, z) for rest in rests_of(t, w) for still in as_set_up(rest, pitch)]
+    parts = [undriven(still, z) for rest in rests_of(t, w, SHORT) for still in as_set_up(rest, pitch)]
+    rests = [rest for rest in parts if rest.stop - rest.start >= SHORT]
     long = [rest for rest in rests if rest.stop - rest.start >= FEWEST]
-    begin = [rest for rest in rests[:1] if rest.start == 0 and rest.stop >= SHORT and rest not in long]
-    return begin if begin and any(_settles(begin[0], long, z[:, c]) for c in range(2)) else long
+    begin = [rest for rest in rests[:1] if rest.start == 0 and rest not in long]
+    others = long or rests[len(begin) :]
+    if begin and any(_settles(begin[0], others, z[:, c]) for c in range(2)):
+        return begin
+    return long or rests
 
 
 def with_logger(rig: Rig, logs: Sequence[Log]) -> Rig:
@@ -109,13 +115,13 @@ def _of_file(filed: float, seen: ChannelTraits) -> float:
     return filed if known or seen.as_white == 0.0 else seen.as_white
 
 
-def rests_of(t: Array, w_cmd: Array) -> list[slice]:
-    """The rests of a log with samples enough, the first before any move; later ones from when the loop has settled."""
+def rests_of(t: Array, w_cmd: Array, fewest: int = FEWEST) -> list[slice]:
+    """The rests of a log with so many samples at least, the first before any move; later ones from when the loop has settled."""
     found = []
     for first, last in zip(*runs(w_cmd == 0.0), strict=True):
         begin = first if first == 0 else int(np.searchsorted(t, t[first] + SETTLED_S))
         end = last if last == t.size else last - 2  # the command begins to rise between two samples
-        if end - begin >= FEWEST:
+        if end - begin >= fewest:
             found.append(slice(int(begin), int(end)))
     return found
 
@@ -184,7 +190,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     pieces = [
         p
         for r, p in zip(rests, pieces, strict=True)
-        if p[0].size >= max(min(FEWEST, r.stop) / every, FEWEST_TICKS)
+        if p[0].size >= max(min(FEWEST, ENOUGH * (r.stop - r.start)) / every, FEWEST_TICKS)
     ]
     if pieces:
         traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
@@ -318,7 +324,7 @@ def _grown(pieces: list[tuple[Array, Array]], step: float | None) -> float:
     two steps of the readings, where they change by half a step either way.
     """
     (_, first), (_, last) = pieces[0], pieces[-1]
-    if min(first.size, last.size) < FEWEST or not np.diff(first).any() or not np.diff(last).any():
+    if min(first.size, last.size) < FEWEST_GROWN or not np.diff(first).any() or not np.diff(last).any():
         return 1.0
     if last.std() <= math.hypot(float(first.std()), 0.5 * (step or 0.0)):
         return 1.0
@@ -326,8 +332,10 @@ def _grown(pieces: list[tuple[Array, Array]], step: float | None) -> float:
         _between_neighbours([last]) / _between_neighbours([first]),
         float(last.std() / first.std()),
     )
-    same_kind = abs(neighbours / all_of_it - 1.0) < SAME_KIND
-    return neighbours if same_kind and SWITCHED[0] < neighbours < SWITCHED[1] else 1.0
+    doubt = math.sqrt(0.5 / first.size + 0.5 / last.size)  # relative, of either
+    same_kind = abs(neighbours / all_of_it - 1.0) < SAME_KIND + doubt
+    least = SWITCHED[0] * (1.0 + SURELY * (doubt - USUAL_DOUBT)) if doubt > USUAL_DOUBT else SWITCHED[0]
+    return neighbours if same_kind and least < neighbours < SWITCHED[1] else 1.0
 
 
 def _white(z: Array) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from observer_fi.bank import between_samples, repeat_share
 from observer_fi.logs import (
-    FEWEST_AT_REST,
+    SHORTEST_REST,
     Hum,
     LowPasses,
     Readings,
@@ -38,7 +38,7 @@ SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hun
 FEWEST_RESTS = 3  # that say the same of a line: two say it of any
 QUIET = 1.25  # times its expected NIS: a start whose lines are out of it is explained as well as this, or they were others
 SAME_NOISE = 0.1  # relative: less is no news
-LEARNABLE = FEWEST_AT_REST  # samples of a stream
+LEARNABLE = SHORTEST_REST  # samples of a stream
 
 
 class AsLogged:
