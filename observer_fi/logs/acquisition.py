@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from observer_fi.logs.clock import clock_of
+from observer_fi.logs.clock import clock_of, even
 from observer_fi.numerics import autocorrelation, resolution_of, runs
 from observer_fi.physics import Rig
 from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Line, Log
@@ -68,12 +68,15 @@ STUCK, STUCK_FOR = 50, 20
 def acquisition_of(log: Log, noise_std: Array) -> Acquisition:
     """What the logger of a log does. noise_std: (3,) what the rig file says of the noise, for channels that tell nothing."""
     log = _without_unread(log.part(slice(0, LONGEST)))
+    clock = clock_of(log.t)
+    if clock.resolution_s:  # how long a reading is held is counted in rows
+        log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
     t, z, w = log.t, log.z, log.w_cmd
     rests = rests_for_noise(log)
     voltage, current, position = (
         channel_traits(t, z[:, c], w, rests, usual) for c, usual in enumerate(noise_std.tolist())
     )
-    return Acquisition(voltage, current, position, clock_of(t))
+    return Acquisition(voltage, current, position, clock)
 
 
 def _without_unread(log: Log) -> Log:

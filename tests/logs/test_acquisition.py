@@ -144,6 +144,31 @@ def test_rests_begin_when_the_loop_has_settled() -> None:
     assert t[later.start] == pytest.approx(1.7375 + 0.3, abs=2.0 / RATE) and later.stop == t.size
 
 
+@pytest.mark.parametrize("rate", [80.0, 100.0, 200.0])
+def test_short_rests_of_a_slow_logger_tell_noise_and_zero(rate: float) -> None:
+    """56 to 140 samples before the move; a rest of a hundred tells more, and shorter ones are left out beside it."""
+    off = np.array([30e-3, 2e-3, 0.0])
+    found = []
+    for seed in range(40):
+        log = signal(seed, times=3.0, rate=rate)
+        told = acquisition_of(log_of(log.t, log.z + off), SIGMA)
+        assert told.voltage.offset == pytest.approx(off[0], abs=1.5 * SIGMA[0])
+        assert told.current.offset == pytest.approx(off[1], abs=1.5 * SIGMA[1])
+        found.append([told[c].noise_std / SIGMA[c] for c in range(3)])
+    assert np.mean(found, axis=0) == pytest.approx(np.full(3, 3.0), rel=0.05)
+
+
+def test_noise_that_wanders_shows_in_short_rests() -> None:
+    """60 samples a rest, with a correlation of four."""
+    t = clock(1.3, 200.0)
+    seen = []
+    for seed in range(20):
+        wander = 2.0 * coloured(t.size, np.exp(-1.0 / 4.0), seed)
+        told = acquisition_of(log_of(t, clean(t) + white(t, seed) + SIGMA * wander[:, None]), SIGMA)
+        seen.append(told.voltage.as_white / SIGMA[0])
+    assert np.median(seen) > 3.0
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("step", [0.0, 2.0])
 def test_a_voltage_that_rises_before_friction_lets_go_is_no_noise(seed: int, step: float) -> None:
@@ -355,6 +380,29 @@ def test_stamps_are_rounded_where_rows_are_missing_too(rate: float, share: float
         found = clock_of(t[np.random.default_rng(seed).random(t.size) >= share])
         assert found.resolution_s == pytest.approx(1e-3, rel=0.05), seed
         assert found.interval_s == pytest.approx(1.0 / rate, rel=1e-3)
+
+
+@pytest.mark.parametrize("every", [2.0, 8.0])
+def test_a_hold_is_counted_in_rows_of_rounded_stamps(every: float) -> None:
+    """Two rows of 800 Hz are 2 ms apart, or 3 ms."""
+    t = clock(3.0, 800.0)
+    for seed in range(4):
+        z = (clean(t) + white(t, seed))[held(t.size, every)]
+        told = traits_of(log_of(np.round(t, 3), z))
+        assert [told[c].update_hz for c in range(3)] == pytest.approx([800.0 / every] * 3, rel=1e-3)
+        assert told.voltage.averaged == 1
+
+
+@pytest.mark.parametrize(("rate", "seconds"), [(100.0, 3.0), (1600.0, 2.4)])
+def test_another_range_of_a_held_reading_is_told(rate: float, seconds: float) -> None:
+    """From 36 to 70 fresh readings a rest; none is told of the same logger without it."""
+    t = clock(seconds)
+    for seed in range(20):
+        noise = white(t, seed)[:, 2]
+        for later, told in ((4.0, True), (1.0, False)):
+            z = (clean(t)[:, 2] + np.where(t > 1.2, later, 1.0) * noise)[held(t.size, RATE / rate)]
+            found = read(z, 2, t).grown
+            assert (2.0 < found < 8.0) if told else found == 1.0, (seed, found)
 
 
 def without(share: float, seed: int) -> np.ndarray:
