@@ -1,6 +1,7 @@
 """Verdicts through loggers as they are, and on sensors that fail: writes reports/loggers.md.
 
     python -m pipelines.logger_study [--moves 60] [--traits hum_50hz noise_3+steps_all] [--failing 12] [--campaigns 500]
+    [--combined 1000]
     [--out reports/loggers.md]
 
 Seeds from 90000 on: none of them was looked at while thresholds were set.
@@ -15,8 +16,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import hidden
+import numpy as np
 import pandas as pd
 
+from observer_fi.errors import InvalidLogError
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
 from observer_fi.records import Outcome
@@ -32,12 +35,15 @@ EVERY = (*hidden.TRAITS, *hidden.PAIRS, *hidden.TRIPLES)
 
 
 CAMPAIGN = "campaign"
+COMBINED = "combined"
+TOGETHER = (2, 5)  # traits at once: from so many to fewer than so many
+EITHER = ("no_voltage", "no_command")  # nothing is left to tell the command from without both
 
 
 class Job(NamedTuple):
     """One move: the traits of its logger, its class, its seed; of a failing sensor what `draw_failing_case` takes.
 
-    Or, of the kind `CAMPAIGN`, a healthy campaign: starts and stops at three speeds and three pitches, reversals, rests.
+    Of the kind `COMBINED` a logger with several traits, drawn at random. Or, of the kind `CAMPAIGN`, a healthy campaign: starts and stops at three speeds and three pitches, reversals, rests.
     """
 
     trait: str
@@ -48,10 +54,19 @@ class Job(NamedTuple):
     factor: float = 1.0
 
 
+NO_VERDICT = {
+    "said": "no verdict", "said_channel": "", "named": False, "alike": "", "probability": 0.0, "right": False,
+    "delay_ms": None,
+}  # fmt: skip
+
+
 def judged(job: Job) -> dict[str, Any]:
     """Truth and verdict of one move, as a row."""
     frame, truth = hidden.make_log_with(job.trait, _spec(job), job.seed)
-    outcome = diagnose_log(log_from_frame(frame), load_rig(), Settings())
+    try:
+        outcome = diagnose_log(log_from_frame(frame), load_rig(), Settings())
+    except InvalidLogError:  # a command that cannot be recovered
+        return {**job._asdict(), "missed": None, **NO_VERDICT}
     acquisition = getattr(outcome, "acquisition", None)
     missed = None if acquisition is None else found(truth["acquisition"], acquisition)
     return {**job._asdict(), "missed": missed, **_said(job, outcome, truth, frame["time_s"].iloc[0])}
@@ -68,15 +83,7 @@ def _spec(job: Job) -> hidden.TruthSpec:
 def _said(job: Job, outcome: Outcome, truth: dict[str, Any], first_s: float) -> dict[str, Any]:
     """The verdict, and how long after the fault, or the log, had begun [ms] it was there."""
     if outcome.isolation is None:
-        return {
-            "said": "no verdict",
-            "said_channel": "",
-            "named": False,
-            "alike": "",
-            "probability": 0.0,
-            "right": False,
-            "delay_ms": None,
-        }
+        return NO_VERDICT
     verdict = outcome.isolation.verdict
     named = verdict.label == job.label and (not job.channel or verdict.channel == job.channel)
     onset, isolated = truth["onset_s"], verdict.isolated_s
@@ -124,6 +131,28 @@ def campaign_jobs(campaigns: int, first: int) -> list[Job]:
     """Healthy campaigns through the loggers that leave the information in, which take turns."""
     keeps = [name for name in EVERY if hidden.trait_of(name).keeps]
     return [Job(keeps[k % len(keeps)], "nominal", first + k, CAMPAIGN) for k in range(campaigns)]
+
+
+def combined_jobs(moves: int, first: int) -> list[Job]:
+    """Moves through loggers that do several things at once, drawn from those that leave the information in."""
+    keeps = [name for name in hidden.TRAITS if hidden.trait_of(name).keeps and name != "ideal"]
+    jobs = []
+    for seed in range(first, first + moves):
+        rng = np.random.default_rng([seed, 13])
+        drawn = rng.choice(keeps, int(rng.integers(*TOGETHER)), replace=False).tolist()
+        kept = [name for name in drawn if name != EITHER[1] or EITHER[0] not in drawn]
+        jobs.append(Job("+".join(kept), CLASSES[seed % len(CLASSES)], seed, COMBINED))
+    return jobs
+
+
+def of_combined(frame: pd.DataFrame) -> str:
+    """How many moves through loggers drawn at random were told right, and what was said of the others."""
+    wrong = frame[~frame["right"].astype(bool)]
+    sure = int((wrong["probability"] > CONFIDENT).sum())
+    said = ", ".join(
+        f"{row.trait} {row.label} {row.seed}: {row.said} {row.probability:.3g}" for row in wrong.itertuples()
+    )
+    return f"{len(frame) - len(wrong)} of {len(frame)} right, {sure} confident and wrong. {said}".strip()
 
 
 def of_campaigns(frame: pd.DataFrame) -> str:
@@ -183,7 +212,8 @@ def _found(missed: pd.Series) -> str:
 def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
     """The report."""
     campaigns = frame[frame["kind"] == CAMPAIGN]
-    moves = frame[frame["kind"] != CAMPAIGN]
+    combined = frame[frame["kind"] == COMBINED]
+    moves = frame[~frame["kind"].isin([CAMPAIGN, COMBINED])]
     through, failing = moves[moves["label"] != "sensor_fault"], moves[moves["label"] == "sensor_fault"]
     keeps = through["trait"].map(lambda name: hidden.trait_of(name).keeps).astype(bool)
     wrong = ~through["right"] & (through["probability"] > CONFIDENT)
@@ -201,6 +231,7 @@ def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
         "## Failing sensors, ideal logger", "",
         f"Sizes in sigmas of the channel's noise: {sizes}.", "",
         markdown(by_failure(failing)) if len(failing) else "", "",
+        "## Several at once, drawn at random", "", of_combined(combined) if len(combined) else "", "",
         "## Healthy campaigns", "", of_campaigns(campaigns) if len(campaigns) else "", "",
     )  # fmt: skip
     return "\n".join(lines)
@@ -217,6 +248,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--campaigns", type=int, default=500, help="healthy campaigns, through every logger in turn"
     )
+    parser.add_argument("--combined", type=int, default=1000, help="moves through several traits at once")
     parser.add_argument("--factor", type=float, default=3.0, help="size of these failures, in FAILING_SIGMAS")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
@@ -229,6 +261,7 @@ def main(arguments: list[str] | None = None) -> int:
     jobs = trait_jobs(options.traits, options.moves, options.first)
     jobs += failing_jobs(options.failing, options.factor, options.first)
     jobs += campaign_jobs(options.campaigns, options.first)
+    jobs += combined_jobs(options.combined, options.first)
     frame = study(jobs, options.workers, options.rows, time.monotonic() + 60 * options.minutes)
     options.out.write_text(summary(frame, options.first, options.factor))
     print(f"wrote {options.out}")

@@ -84,13 +84,13 @@ def test_tables_count_what_was_said() -> None:
 
 
 def test_the_recipe_writes_its_report(tmp_path: Path) -> None:
-    given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--campaigns", "1", "--first", "7000"]
-    given += ["--rows", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "loggers.md")]
+    given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--campaigns", "1", "--combined", "1"]
+    given += ["--first", "7000", "--rows", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "loggers.md")]
     assert logger_study.main(given) == 0
-    assert len(pd.read_csv(tmp_path / "rows.csv")) == 3
+    assert len(pd.read_csv(tmp_path / "rows.csv")) == 4
     text = (tmp_path / "loggers.md").read_text()
     assert "| noise_3 | noise three times the rig file's | 2 |" in text
-    assert "seeds from 7000 on" in text
+    assert "seeds from 7000 on" in text and "1 of 1 right, 0 confident and wrong." in text
     assert "0 of 1 campaigns of 18 moves each are called anything but nominal." in text
 
 
@@ -103,6 +103,28 @@ def test_a_campaign_that_is_called_faulty_is_told_with_its_logger() -> None:
     ])  # fmt: skip
     text = logger_study.of_campaigns(rows)
     assert text.startswith("1 of 2 campaigns") and text.endswith(f"{second.trait}: jam 1")
+
+
+def test_loggers_are_drawn_with_several_traits_and_enough_columns() -> None:
+    jobs = logger_study.combined_jobs(200, 7000)
+    assert jobs == logger_study.combined_jobs(200, 7000) and len({job.trait for job in jobs}) > 180
+    for job in jobs:
+        parts = job.trait.split("+")
+        assert 1 <= len(parts) == len(set(parts)) < 5 and not {"no_voltage", "no_command"} <= set(parts)
+        assert all(TRAITS[part].keeps for part in parts)
+    assert {len(job.trait.split("+")) for job in jobs} >= {2, 3, 4}
+
+
+def test_what_was_said_through_drawn_loggers_is_counted() -> None:
+    jobs = logger_study.combined_jobs(3, 7000)
+    said = [("nominal", 0.99, True), ("jam", 0.99, False), ("no verdict", 0.0, False)]
+    rows = [
+        {**job._asdict(), "said": label, "probability": p, "right": right}
+        for job, (label, p, right) in zip(jobs, said, strict=True)
+    ]
+    text = logger_study.of_combined(pd.DataFrame(rows))
+    assert text.startswith("1 of 3 right, 1 confident and wrong.")
+    assert f"{jobs[1].trait} {jobs[1].label} 7001: jam 0.99" in text
 
 
 def test_every_way_to_fail_gets_its_moves() -> None:

@@ -114,3 +114,13 @@ def test_it_is_found_on_other_actuators(drive: str, seed: int) -> None:
     found = AsLogged(off, rig, SETTINGS.bank).zero
     assert found == pytest.approx(-8.0 * rig.noise_std[1], abs=0.5 * rig.noise_std[1])
     assert {event.label for event in diagnose_log(off, rig, SETTINGS).isolation.events} == {"nominal"}
+
+
+def test_a_zero_that_shows_from_afar_alone_is_found() -> None:
+    """A motor that sticks hides a zero that is a little off: one of a hundred logs gained 5 nats of it, and 559 of all of it."""
+    spec = hidden.draw_move_case(760261, "nominal")
+    log = log_from_frame(hidden.make_log_with("offsets", spec, 760261)[0])
+    outcome = diagnose_log(log, RIG, Settings())
+    assert outcome.isolation.verdict.label == "nominal"
+    off = hidden.acquisition_of("offsets", spec, 760261).chains["current"].offset
+    assert any("mA off its zero" in words for words in outcome.warnings) and abs(off) > 1e-3

@@ -25,6 +25,7 @@ MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them,
 NOTICED_NATS, FITS = 40.0, 1.3
 # Of the noise of a reading: half of how far hills are looked for at first, and how far at most; between two looks; and how well.
 FIRST_REACH, FARTHEST, STEP, WITHIN = 6.0, 100.0, 1.5, 0.02
+PROBES = (STEP, 3.0 * STEP, 6.0 * STEP)  # where a first look is taken, on either side
 
 ELECTRICAL = np.array([True, True, False])  # of the channels
 
@@ -48,10 +49,10 @@ def zero_current(log: Log, rig: Rig, settings: BankSettings, offset_of: OffsetOf
     log = _driven(log, rig)
     for part in (*_both_ways(log), *_with_stops(log)):
         moves = _Moves(part, rig, settings, offset_of)
-        steep = moves.slope() > NOTICED_NATS
-        zero = moves.best() if steep else 0.0
+        hinted = moves.hint() > NOTICED_NATS
+        zero = moves.best() if hinted else 0.0
         if moves.said(zero).misfit < FITS:
-            return zero if steep and moves.gain(zero) > NOTICED_NATS else 0.0
+            return zero if hinted and moves.gain(zero) > NOTICED_NATS else 0.0
     return 0.0
 
 
@@ -81,10 +82,10 @@ class _Moves:
         misfit = float(np.mean(e.nis[moving, 0] / self.read[moving])) if moving.any() else math.inf
         return Said(float(np.nansum(e.density[BEGIN:, 0])), misfit)
 
-    def slope(self) -> float:
-        """Nats that are gained by a little to one side."""
-        near = STEP * float(self.rig.noise_std[1])
-        return max(self.said(near).nats, self.said(-near).nats) - self.said(0.0).nats
+    def hint(self) -> float:
+        """Nats that are gained a little, or farther, to one side: where a motor stands is no matter of a little."""
+        noise = float(self.rig.noise_std[1])
+        return max(self.said(at * noise).nats for far in PROBES for at in (far, -far)) - self.said(0.0).nats
 
     def best(self) -> float:
         """The zero with which nominal explains the moves best.
