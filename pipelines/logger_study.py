@@ -43,7 +43,8 @@ EITHER = ("no_voltage", "no_command")  # nothing is left to tell the command fro
 class Job(NamedTuple):
     """One move: the traits of its logger, its class, its seed; of a failing sensor what `draw_failing_case` takes.
 
-    Of the kind `COMBINED` a logger with several traits, drawn at random. Or, of the kind `CAMPAIGN`, a healthy campaign: starts and stops at three speeds and three pitches, reversals, rests.
+    Of the kind `COMBINED` a logger with several traits, drawn at random. Or, of the kind `CAMPAIGN`, a healthy campaign: starts
+    and stops at three speeds and three pitches, reversals, rests.
     """
 
     trait: str

@@ -37,7 +37,7 @@ SIGMA_OF_MAD, DRIVEN, AT_ONCE = 1.4826, 3.0, 5
 SWITCHED = (1.5, 8.0)  # by what noise grows in another range
 # Relative, of how noise grew, between rests of FEWEST readings; and by how many times what fewer readings add it must grow more.
 USUAL_DOUBT, SURELY = 0.1, 4.0
-FEWEST_GROWN = 12  # readings of a rest that tell it
+FEWEST_GROWN = 8  # readings of a rest that tell it
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
@@ -214,10 +214,24 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
 
 
 def _settles(begin: slice, rests: Sequence[slice], z: Array) -> bool:
-    """Whether readings z (n,) scatter far more in all rests than in the one before any move."""
+    """Whether readings z (n,) scatter far more in all rests than in the one before any move, and smoothly: no other range."""
     known = [r for r in (begin, *rests) if np.isfinite(z[r]).any()]
     usual, *seen = [float(np.nanstd(z[r])) for r in known] or [0.0]
-    return known[:1] == [begin] and usual > 0.0 and bool(seen) and min(seen) > SETTLES * usual
+    seen = [
+        all_of_it for all_of_it, r in zip(seen, known[1:], strict=False) if all_of_it > ALIKE * _rough(z[r])
+    ]
+    return (
+        known[:1] == [begin]
+        and usual > 0.0
+        and len(seen) == len(known) - 1 > 0
+        and min(seen) > SETTLES * usual
+    )
+
+
+def _rough(z: Array) -> float:
+    """Standard deviation of what readings z (n,) change by from one to the next, of one of them; 0 where nothing tells."""
+    changes = np.diff(z)
+    return float(np.nanstd(changes)) / math.sqrt(2.0) if np.isfinite(changes).any() else 0.0
 
 
 def _in_motion(z: Array, step: float | None, usual: float) -> ChannelTraits:

@@ -393,6 +393,14 @@ def test_a_hold_is_counted_in_rows_of_rounded_stamps(every: float) -> None:
         assert told.voltage.averaged == 1
 
 
+def test_another_range_is_no_motor_that_settles() -> None:
+    """Six times the noise in the later rest, which is as short as the first: it counts all the same."""
+    t = clock(2.4, 100.0)
+    for seed in range(10):
+        z = clean(t) + np.where(t > 1.2, 6.0, 1.0)[:, None] * white(t, seed)
+        assert 4.0 < read(z[:, 1], 1, t).grown < 8.0, seed
+
+
 @pytest.mark.parametrize(("rate", "seconds"), [(100.0, 3.0), (1600.0, 2.4)])
 def test_another_range_of_a_held_reading_is_told(rate: float, seconds: float) -> None:
     """From 36 to 70 fresh readings a rest; none is told of the same logger without it."""

@@ -49,6 +49,31 @@ def test_one_late_channel_is_measured(name: str) -> None:
     assert np.abs(errors).max() < 0.15 and abs(np.mean(errors)) < 0.1
 
 
+def test_the_first_stop_tells_where_the_log_begins_under_way() -> None:
+    """There is no start; the stop of a healthy machine had been a voltage sensor that fails."""
+    for seed in (7602, 7605, 7608, 7611):
+        spec = draw_move_case(seed, "nominal")
+        for name, least in (("mid_move+voltage_late", 0.5), ("mid_move", 0.0)):
+            frame, truth = make_log_with(name, spec, seed)
+            log = log_from_frame(frame)
+            late, true = (
+                AsLogged(log, RIG, SETTINGS).late,
+                truth["acquisition"]["voltage_v"]["delay_s"] * RATE,
+            )
+            assert log.w_cmd[0] != 0.0 and true >= least
+            assert late.voltage - late.current == pytest.approx(true, abs=0.25) and late.position <= 0.15, (
+                seed
+            )
+            assert diagnose_log(log, RIG, Settings()).isolation.verdict.label == "nominal", (name, seed)
+
+
+def test_a_stop_that_is_not_there_tells_nothing() -> None:
+    log = log_from_frame(make_log_with("mid_move+voltage_late", draw_move_case(7602, "nominal"), 7602)[0])
+    brakes = int(np.flatnonzero(log.w_cmd != log.w_cmd[0])[0])
+    for last in (brakes, brakes + 50, brakes - 400):
+        assert AsLogged(log.part(slice(0, last)), RIG, SETTINGS).late == NONE
+
+
 def test_a_low_pass_makes_all_channels_late_by_nearly_the_same() -> None:
     """By 0.6 samples; it is no delay, and on some starts not worth one."""
     found = []

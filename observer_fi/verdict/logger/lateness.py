@@ -1,8 +1,9 @@
 """How late a logger's channels are against each other, measured at the first start of a log, and readings set right.
 
-A start is where readings change most from sample to sample: there the nominal hypothesis tells delays of a tenth of a
-sample. Channels that are early are set back to the latest of voltage and current, so that no later sample is needed; what
-that one is behind the command is a delay of the servo's input, and a position that is later still a delay of its sensor.
+A start, or the first stop of a log that begins under way, is where readings change most from sample to sample: there the
+nominal hypothesis tells delays of a tenth of a sample. Channels that are early are set back to the latest of voltage and
+current, so that no later sample is needed; what that one is behind the command is a delay of the servo's input, and a position
+that is later still a delay of its sensor.
 """
 
 from collections.abc import Callable
@@ -84,8 +85,8 @@ def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:
 
 
 def lateness_of(log: Log, rig: Rig, settings: BankSettings, known: Lateness) -> Lateness:
-    """How late the channels of a log are; what is `known` where its first start does not tell."""
-    cut = first_start(log)
+    """How late the channels of a log are; what is `known` where neither its first start nor its first stop tells."""
+    cut = first_start(log) or _first_stop(log)
     if cut is None or not rig.watched.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
         return known
     gain = _Gains(cut, rig, settings)
@@ -131,8 +132,25 @@ def first_start(log: Log) -> Log | None:
     return None
 
 
+def _first_stop(log: Log) -> Log | None:
+    """The first stop of a log that begins under way, with enough of the motion and of the rest, None where there is none."""
+    t, w = log.t, log.w_cmd
+    changes = np.flatnonzero(w != w[0])
+    if w[0] == 0.0 or not changes.size:
+        return None
+    brakes = int(changes[0])
+    rest = brakes + int(np.argmax(w[brakes:] == 0.0))
+    again = np.flatnonzero(w[rest:] != 0.0)
+    end = rest + int(again[0]) if again.size else t.size
+    first, last = np.searchsorted(t, (t[brakes] - BEFORE_S, t[brakes] + AFTER_S))
+    enough = brakes - first >= FEWEST and min(last, end) - brakes >= FEWEST
+    return log.part(slice(int(first), int(min(last, end)))) if enough else None
+
+
 class _Gains:
-    """Nats by which delays explain a start better than none, and how well nominal then fits: its NIS over its expectation."""
+    """Nats by which delays explain a start, or a stop, better than none, and how well nominal then fits: its NIS over its
+    expectation.
+    """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
         self.log, self.rig, self.settings = log, rig, settings
@@ -160,20 +178,22 @@ class _Gains:
         return self.known[late]
 
     def _tried(self, late: Lateness) -> tuple[float, float]:
-        """Log-likelihood of the start, less that of as many calm samples: what mixing of samples makes of the noise is no gain.
+        """Log-likelihood of the start or stop, less that of as many calm samples: what mixing of samples makes of the noise is no
+        gain.
 
-        Calm are those at rest, and those of steady motion, where noise may be more. A delay of the position is the model's and
-        mixes nothing: what it spoils of a motion that is not steady yet must not lower what calm samples are worth.
+        Calm are those before it, and the last ones, those of steady motion or of the other rest, where noise may be more. A
+        delay of the position is the model's and mixes nothing: what it spoils of a motion that is not steady yet must not lower
+        what calm samples are worth.
         """
         rig = set_right(self.rig, late, self.interval)
         log = SetBack(late).take(self.log)
         e = Bank(rig, self.settings).advance(log)
-        moving = np.cumsum(log.w_cmd != 0.0) > 0
-        rest = ~moving
-        rest[:8] = False
+        moving = np.cumsum(log.w_cmd != log.w_cmd[0]) > 0
+        before = ~moving
+        before[:8] = False
         steady = self.log.t > self.log.t[-1] - STEADY_S
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        usual = max(e.density[rest, 0].mean(), e.density[steady, 0].mean())
+        usual = max(e.density[before, 0].mean(), e.density[steady, 0].mean())
         calm = self.calm.setdefault((late.voltage, late.current), float(usual))
         nats = e.density[moving].sum(axis=0) - calm * moving.sum()
         if not self.known:  # as the readings are
