@@ -83,7 +83,7 @@ def recover_command(log: Log, model: Model) -> Log:
     if not has_loop and _only_position(log):
         return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]), model)
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
-    noise = _noise(command[known])
+    noise = _noise(log.t, command[known])
     levels = _levels(log.t, command, known, noise)
     if not levels:
         raise InvalidLogError(
@@ -275,17 +275,28 @@ def _high_passed(i: Array, step: float, tau: float) -> Array:
     return np.convolve(np.diff(i, prepend=i[0]), kernel)[: i.size]
 
 
-def _noise(command: Array) -> float:
-    """Standard deviation of one sample [rad/s], from differences, so that ramps do not count."""
+def _noise(t: Array, command: Array) -> float:
+    """Standard deviation of one sample [rad/s], from differences and within blocks, most of which are no ramps.
+
+    Held readings hardly differ from the ones before them, nor do those with hum.
+    """
     if command.size < 2:
         return NOISE_FLOOR
-    return max(NOISE_FLOOR, 1.05 * float(np.median(np.abs(np.diff(command)))))
+    apart = 1.05 * float(np.median(np.abs(np.diff(command))))
+    size = _block_size(t)
+    blocks = command[: command.size // size * size].reshape(-1, size)
+    within = float(np.median(blocks.std(axis=1))) if len(blocks) else 0.0
+    return max(NOISE_FLOOR, apart, within)
+
+
+def _block_size(t: Array) -> int:
+    """Samples of a block."""
+    return max(FEWEST_IN_BLOCK, round(BLOCK_S / float(np.median(np.diff(t)))))
 
 
 def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[_Level]:
     """Stretches where the command stands still, neighbours of the same speed joined."""
-    step = float(np.median(np.diff(t)))
-    size = max(FEWEST_IN_BLOCK, round(BLOCK_S / step))
+    size = _block_size(t)
     blocks = t.size // size
     values = np.where(known, command, np.nan)[: blocks * size].reshape(blocks, size)
     whole = np.isfinite(values).sum(axis=1) > size // 2
@@ -340,7 +351,7 @@ def _measured(group: list[_Level], command: Array, known: Mask) -> _Level:
 
 def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, model: Model) -> list[_Level]:
     """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest."""
-    noise = _noise(command[known])
+    noise = _noise(log.t, command[known])
     top = max(abs(level.seen) for level in levels)
     rests = [_is_rest(level, top, log, model, noise) for level in levels]
     found = []

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import hidden
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +11,7 @@ from scenarios import END_S, RATE_HZ, SPEED, START_S, STOP_S, healthy_move
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.command_recovery import is_recovered, recover_command, with_command
+from observer_fi.logs.ingest import log_from_frame
 from observer_fi.logs.moves import (
     Phase,
     excitation,
@@ -291,3 +293,17 @@ def test_a_log_says_whether_its_command_was_recovered() -> None:
 def test_a_rig_without_a_motor_has_no_command_to_recover() -> None:
     with pytest.raises(UsageError, match="without Km"):
         recover_command(healthy_log(), override(MODEL, "open", Km=0.0))
+
+
+@pytest.mark.parametrize("trait", ["hum_50hz", "hum_60hz", "drive_400hz", "steps_3_all", "noise_3"])
+def test_a_command_is_recovered_through_loggers(trait: str) -> None:
+    """Hum and held readings hardly differ from sample to sample: that was their noise, and no level was level enough."""
+    for seed in range(7700, 7706):
+        spec = hidden.draw_move_case(seed, "nominal")
+        frame, _ = hidden.make_log_with(f"{trait}+no_command", spec, seed)
+        log = with_command(log_from_frame(frame), RIG)
+        move = spec.profile.moves[0]
+        on = np.flatnonzero(log.w_cmd)
+        assert log.t[on[0]] == pytest.approx(move.start_s, abs=4e-3), seed
+        assert float(np.median(log.w_cmd[on])) == pytest.approx(move.speed, rel=5e-3), seed
+        assert any(note.endswith("1 starts") for note in log.notes), log.notes
