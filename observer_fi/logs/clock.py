@@ -25,13 +25,15 @@ STAMPS_S, COARSE, ALIKE = (
     20.0,
     0.02,
 )  # steps of stamps [s], of which an interval is fewer; of one
+FINER = 0.9  # of an interval: stamps that are rounded more coarsely tell no clock, and those of whole intervals are exact
+ROUNDED = 0.6  # of a step, by which stamps are off an even clock at most: half of it, and what is left of the clock's own fit
 LONGEST_S = 0.05  # of a gap over which the command is known
 
 
 def _evenly(t: Array, step: float) -> bool:
     """Whether time stamps are those of an even clock but for rounding: where rows are missing they are not."""
     row = np.arange(t.size)
-    return bool(np.abs(t - np.polyval(np.polyfit(row, t, 1), row)).max() < step)
+    return bool(np.abs(t - np.polyval(np.polyfit(row, t, 1), row)).max() < ROUNDED * step)
 
 
 def clock_of(t: Array) -> Clock:
@@ -56,10 +58,10 @@ def _meant(t: Array, dt: Array, step: float | None) -> Clock | None:
     usual = _usual(t)
     step = step or _step_of(t, usual)
     meant = even(t, usual, step) if step else t
-    if meant is t:
-        return None
     apart = np.diff(meant)
-    return Clock(float(np.std(dt - apart)) / math.sqrt(2.0), step, float(np.median(apart)))
+    interval = float(np.median(apart))
+    exact = step is None or np.abs(t - meant).max() < ALIKE * step or step > FINER * interval
+    return None if meant is t or exact else Clock(float(np.std(dt - apart)) / math.sqrt(2.0), step, interval)
 
 
 def _jittering(dt: Array, interval: float, coarse: float | None) -> Clock:
@@ -116,8 +118,9 @@ def on_its_clock(log: Log, rig: Rig) -> Log:
 
     Gaps longer than `LONGEST_S` stay.
     """
-    clock = clock_of(log.t)
-    usual = _usual(log.t)
+    if log.t.size < 2:
+        return log
+    clock, usual = clock_of(log.t), _usual(log.t)
     step = clock.resolution_s or _step_of(log.t, usual, float(np.median(np.diff(log.t))))
     if step:
         t = even(log.t, clock.interval_s if clock.resolution_s else usual, step)
@@ -130,7 +133,8 @@ def on_its_clock(log: Log, rig: Rig) -> Log:
 
 def _usual(t: Array, share: float = 0.5) -> float:
     """The interval of a clock whose stamps are rounded [s]: the mean of a few, where such a share of these lacks no row."""
-    return float(np.quantile((t[WINDOW:] - t[:-WINDOW]) / WINDOW, share))
+    window = min(WINDOW, t.size - 1)
+    return float(np.quantile((t[window:] - t[:-window]) / window, share))
 
 
 def _step_of(t: Array, *usual: float) -> float | None:

@@ -28,13 +28,14 @@ from observer_fi.verdict import (
     AsLogged,
     EventTracker,
     Isolator,
+    at_the_limit,
     for_readings,
+    known_from,
     log_verdict,
     make_bank,
     moving_samples,
     tested,
 )
-from observer_fi.verdict.logger.begun_at_the_limit import at_the_limit, known_from
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from

@@ -6,6 +6,7 @@ from observer_fi.verdict.diagnosis import Diagnosis, diagnose, diagnose_log, mak
 from observer_fi.verdict.isolate import SETTLING, EventTracker, Isolator, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import LEARNABLE, AsLogged
+from observer_fi.verdict.logger.begun_at_the_limit import at_the_limit, known_from
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_samples
 from observer_fi.verdict.wrong_rig import describes
@@ -21,12 +22,14 @@ __all__ = [
     "Isolator",
     "LastWord",
     "as_dict",
+    "at_the_limit",
     "compare",
     "comparison",
     "describes",
     "diagnose",
     "diagnose_log",
     "for_readings",
+    "known_from",
     "log_verdict",
     "make_bank",
     "moving_samples",

@@ -382,6 +382,16 @@ def test_stamps_are_rounded_where_rows_are_missing_too(rate: float, share: float
         assert found.interval_s == pytest.approx(1.0 / rate, rel=1e-3)
 
 
+@pytest.mark.parametrize("rate", [100.0, 200.0, 250.0, 500.0])
+def test_exact_stamps_with_rows_missing_are_not_rounded(rate: float) -> None:
+    """They are whole milliseconds, and no more than that."""
+    for seed in range(6):
+        t = clock(3.0, rate)
+        for share in (0.01, 0.03, 0.1):
+            found = clock_of(t[np.random.default_rng(seed).random(t.size) >= share])
+            assert found.resolution_s is None and found.interval_s == pytest.approx(1.0 / rate), (seed, share)
+
+
 @pytest.mark.parametrize("every", [2.0, 8.0])
 def test_a_hold_is_counted_in_rows_of_rounded_stamps(every: float) -> None:
     """Two rows of 800 Hz are 2 ms apart, or 3 ms."""

@@ -135,7 +135,7 @@ def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
         lesson.take(rows(1000, 10**6, 1000 * k))
     assert len(lesson.table) == REST_ROWS and lesson.table[-1, 0] == pytest.approx(9999 / 1600.0)
     short = Lesson()
-    short.take(rows(200, 50))
+    short.take(rows(200, 20))
     assert short.complete and short.learned(RIG, SETTINGS.bank) is None and short.next_one(None) is None
 
 
