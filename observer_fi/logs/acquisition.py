@@ -520,14 +520,14 @@ def _between_neighbours(pieces: Sequence[Array]) -> float:
 
 
 def averaged_of(pieces: Sequence[Array]) -> int:
-    """Of how many samples of white noise a reading is the mean, 1 of one.
+    """Of how many samples of white noise a reading is the mean, 1 of one, and where rests have few.
 
     The mean loses a sample of so long ago whenever it gains one: its differences are opposite at that distance.
     """
     y = max(pieces, key=len)
-    lags = y.size // 3
-    if lags < 3:
+    if y.size < FEWEST:  # noise is opposite to itself by chance
         return 1
+    lags = y.size // 3
     rho = autocorrelation(np.diff(y), lags)
     k = int(np.argmin(rho))
     others = float(np.abs(np.delete(rho, k)[: 2 * k + 4]).max())

@@ -158,6 +158,13 @@ def test_short_rests_of_a_slow_logger_tell_noise_and_zero(rate: float) -> None:
     assert np.mean(found, axis=0) == pytest.approx(np.full(3, 3.0), rel=0.05)
 
 
+def test_few_readings_are_no_mean_of_several() -> None:
+    """One rest of 56 samples in a hundred looks like the mean of two."""
+    for seed in range(200):
+        told = signal(seed, seconds=2.4, rate=80.0)
+        assert [channel.averaged for channel in acquisition_of(told, SIGMA)[:3]] == [1, 1, 1], seed
+
+
 def test_noise_that_wanders_shows_in_short_rests() -> None:
     """60 samples a rest, with a correlation of four."""
     t = clock(1.3, 200.0)
