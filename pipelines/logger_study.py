@@ -1,8 +1,7 @@
 """Verdicts through loggers as they are, and on sensors that fail: writes reports/loggers.md.
 
     python -m pipelines.logger_study [--moves 60] [--traits hum_50hz noise_3+steps_all] [--failing 12] [--campaigns 500]
-    [--combined 1000]
-    [--out reports/loggers.md]
+    [--combined 1000] [--out reports/loggers.md]
 
 Seeds from 90000 on: none of them was looked at while thresholds were set.
 """

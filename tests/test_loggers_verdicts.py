@@ -82,6 +82,22 @@ ONCE_WRONG = (
     ("coloured", "nominal", 240048),  # a colour that a filter would give, too
     ("noise_3+steps_all", "nominal", 240054),  # all that a fault of 60 ms gains comes seconds later
     ("position_100hz+steps_all+hum_50hz", "overload", 240022),  # a doubt by chance, 0.35 s before the fault
+    # Of loggers that do several things at once, drawn at random.
+    (
+        "steps_position+wandering",
+        "nominal",
+        700106,
+    ),  # every reading is close to the one before: no frozen sensor
+    ("position_100hz+range_switched+low_pass", "overload", 700001),  # another range of a held channel
+    ("current_late+milliseconds+missing_rows", "nominal", 700003),  # rounded stamps that look like gaps
+    ("drive_400hz+position_50hz+milliseconds", "overload", 740049),  # holds of two rows, 2 ms or 3 ms apart
+    ("slow_200hz+wandering", "coupling_loss", 720000),  # rests of 60 samples
+    ("slow_200hz+offsets", "nominal", 720001),
+    ("slow_200hz+range_switched+position_50hz", "nominal", 900213),  # another range is no motor that settles
+    ("slow_200hz+missing_rows", "nominal", 990001),  # few readings are no mean of two
+    ("mid_move+steps_current+voltage_late", "nominal", 900360),  # only a stop tells what is late
+    ("voltage_late+steps_position+offsets", "nominal", 760261),  # a zero that shows from afar alone
+    ("hum_50hz+no_command", "coupling_loss", 900269),  # a recovered command behind hum
 )
 
 

@@ -203,7 +203,9 @@ def _absent(rig: Rig) -> tuple[int, ...]:
 REPEATING = 0.1  # share of readings at rest that repeat themselves, from which that says nothing of a sensor
 # Times the share of readings that repeat themselves by chance: a density as narrow as that has at a repeat what chance says.
 BY_CHANCE = math.sqrt(math.e)
-SLACK = 0.5  # nats
+SLACK = (
+    0.5  # nats that a repeat may gain beyond what chance allows: how often readings repeat is known to that
+)
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
@@ -228,10 +230,12 @@ def _usual(share: Array, rig: Rig) -> NDArray[np.bool_]:
     Noise that wanders, or hum, is taken for white noise of its density: beside that every reading is close to the one before,
     and one that repeats it by chance gains more than chance allows.
     """
-    gained = -np.log(np.minimum(share, 1.0))
-    with np.errstate(divide="ignore"):
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # readings without noise, or that never repeat themselves
+        gained = -np.log(np.minimum(share, 1.0))
         chance = np.log(BY_CHANCE * rig.repeats)
-    apart = (rig.neighbour_std / (share * rig.noise_std)) ** 2
+        apart = (rig.neighbour_std / (share * rig.noise_std)) ** 2
     return np.asarray((gained > apart) | (gained + chance > SLACK), dtype=np.bool_)
 
 

@@ -215,21 +215,16 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
 
 def _settles(begin: slice, rests: Sequence[slice], z: Array) -> bool:
     """Whether readings z (n,) scatter far more in all rests than in the one before any move, and smoothly: no other range."""
-    known = [r for r in (begin, *rests) if np.isfinite(z[r]).any()]
-    usual, *seen = [float(np.nanstd(z[r])) for r in known] or [0.0]
-    seen = [
-        all_of_it for all_of_it, r in zip(seen, known[1:], strict=False) if all_of_it > ALIKE * _rough(z[r])
-    ]
-    return (
-        known[:1] == [begin]
-        and usual > 0.0
-        and len(seen) == len(known) - 1 > 0
-        and min(seen) > SETTLES * usual
-    )
+    known = [r for r in rests if np.isfinite(z[r]).any()]
+    if not known or not np.isfinite(z[begin]).any():
+        return False
+    usual, seen = float(np.nanstd(z[begin])), [float(np.nanstd(z[r])) for r in known]
+    smooth = all(whole > ALIKE * _rough(z[r]) for whole, r in zip(seen, known, strict=True))
+    return smooth and 0.0 < SETTLES * usual < min(seen)
 
 
 def _rough(z: Array) -> float:
-    """Standard deviation of what readings z (n,) change by from one to the next, of one of them; 0 where nothing tells."""
+    """Standard deviation of the noise of readings z (n,) as the changes from one to the next tell it, 0 where none do."""
     changes = np.diff(z)
     return float(np.nanstd(changes)) / math.sqrt(2.0) if np.isfinite(changes).any() else 0.0
 

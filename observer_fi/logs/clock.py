@@ -48,7 +48,7 @@ def clock_of(t: Array) -> Clock:
     step = resolution_of(dt)
     spread = 0.05 * interval, 4.0 * float(dt.std())
     rounded = (
-        step is not None and spread[0] < step < spread[1] and (step < 0.9 * interval or _evenly(t, step))
+        step is not None and spread[0] < step < spread[1] and (step < FINER * interval or _evenly(t, step))
     )
     return _meant(t, dt, step if rounded else None) or _jittering(dt, interval, step if rounded else None)
 

@@ -261,3 +261,24 @@ def test_a_sensor_that_is_not_logged_does_not_fail(shown: bool) -> None:
     rate = arrays(HYPOTHESES, logged, BankSettings()).rates[0, of_voltage]
     usual = arrays(HYPOTHESES, RIG, BankSettings()).rates[0, of_voltage]
     assert rate == (usual if shown else pytest.approx(0.0, abs=1e-9 * usual))
+
+
+@pytest.mark.parametrize("repeats", [0.0, 0.02, 0.05, 0.2])
+@pytest.mark.parametrize("times", [1.0, 4.0, 14.0])
+def test_a_repeat_never_gains_more_than_chance_allows(repeats: float, times: float) -> None:
+    """Of white noise, and of noise that wanders, taken for white noise that is so many times what neighbours differ by."""
+    stds = RIG.file_noise_std.tolist()
+    channels = [ChannelTraits(std, times * std, neighbour_std=std, repeats=repeats) for std in stds]
+    rig = replace(RIG, logger=Acquisition(*channels, Clock(0.0, None, 1.0 / 1600.0)))
+    share = np.minimum(repeat_share(rig, SETTINGS), 1.0)
+    assert repeats == 0.0 or (-np.log(share) <= -np.log(repeats) + 1e-9).all()
+    if repeats == 0.0:
+        np.testing.assert_allclose(
+            share, SETTINGS.repeat_scale / times
+        )  # one that stands is told all the same
+
+
+def test_readings_without_noise_say_nothing_strange() -> None:
+    """No warning of arithmetic on zeros, whatever repeats itself."""
+    for repeats in (0.0, 0.05, 1.0):
+        repeat_share(logged(neighbour_std=0.0, repeats=repeats), SETTINGS)
