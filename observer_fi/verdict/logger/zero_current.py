@@ -25,7 +25,8 @@ MOVES, LONGEST_S, STOP_S = 4, 20.0, 0.2  # that are looked at, how much of them,
 NOTICED_NATS, FITS = 40.0, 1.3
 # Of the noise of a reading: half of how far hills are looked for at first, and how far at most; between two looks; and how well.
 FIRST_REACH, FARTHEST, STEP, WITHIN = 6.0, 100.0, 1.5, 0.02
-PROBES = (STEP, 3.0 * STEP, 6.0 * STEP)  # where a first look is taken, on either side
+# Where a first look is taken, on either side, in noises; of the noise of a reading, from which a mean at rest is off.
+PROBES, SHOWN = (STEP, 3.0 * STEP, 6.0 * STEP), 0.25
 
 ELECTRICAL = np.array([True, True, False])  # of the channels
 
@@ -83,9 +84,14 @@ class _Moves:
         return Said(float(np.nansum(e.density[BEGIN:, 0])), misfit)
 
     def hint(self) -> float:
-        """Nats that are gained a little, or farther, to one side: where a motor stands is no matter of a little."""
-        noise = float(self.rig.noise_std[1])
-        return max(self.said(at * noise).nats for far in PROBES for at in (far, -far)) - self.said(0.0).nats
+        """Nats that are gained a little to one side, or farther where a rest shows an offset.
+
+        Where a motor stands is no matter of a little.
+        """
+        voltage, current, _ = self.rig.noise_std.tolist()
+        usual = math.hypot(voltage, self.rig.model["Rm"] * current)
+        probes = PROBES if abs(self.offset_of(self.rig)) > SHOWN * usual else PROBES[:1]
+        return max(self.said(at * current).nats for far in probes for at in (far, -far)) - self.said(0.0).nats
 
     def best(self) -> float:
         """The zero with which nominal explains the moves best.
