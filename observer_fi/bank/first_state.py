@@ -60,14 +60,14 @@ def start(
     z, out = np.where(np.isfinite(z0), z0, 0.0), []
     for j, h in enumerate(hypotheses):
         model, n = h.model, len(h.states)
-        w = speed(z, model.vector) if command0 != 0.0 and model["Km"] else 0.0
         rest = drive.at_rest(z[1], model.vector)
         x, var = b.entry_mean[j, :n].copy(), b.entry_var[j, :n].copy()
+        w, w_var = _speed_at_first(z0, command0, var[0], model)
         I, I_var = rest.I, rest.I_std**2
         if command0 != 0.0 and drive.servo and model["Ki"]:
-            I, I_var = _under_way(I, I_var, float(command0 - w), var[0], model)
+            I, I_var = _under_way(I, I_var, float(command0 - w), w_var, model)
         x[:3] = w, I, z[2] / model["position_gain"]
-        var[:3] = var[0] if command0 != 0.0 else REST_VARIANCE, I_var, 10.0 * b.noise[2]
+        var[:3] = w_var, I_var, 10.0 * b.noise[2]
         slow, bias = (
             tr.slow_at_rest(b.parameters[j]),
             np.array([0.0, b.noise[h.failed] if h.failed >= 0 else 0.0]),
@@ -85,6 +85,21 @@ def start(
     return out
 
 
+def _speed_at_first(z0: Array, command0: float, usual: float, model: Model) -> tuple[float, float]:
+    """Mean and variance of the speed of a motor at its first sample [rad/s].
+
+    usual: variance of what voltage and current say of one under way. Where one of them is not there, the command is all that is
+    known of the speed: a log may begin within a start, anywhere between rest and overshoot.
+    """
+    if command0 == 0.0:
+        return 0.0, REST_VARIANCE
+    if not model["Km"]:
+        return 0.0, usual
+    if np.isfinite(z0[:2]).all():
+        return float(speed(z0, model.vector)), usual
+    return command0, max(command0 * command0, usual)
+
+
 def _under_way(I: float, I_var: float, error: float, w_var: float, model: Model) -> tuple[float, float]:
     """Mean and variance of the integral of a servo in motion [rad]. I, I_var: if it made all of the current; error: of the speed
     [rad/s]; w_var: its variance.
@@ -94,7 +109,7 @@ def _under_way(I: float, I_var: float, error: float, w_var: float, model: Model)
     """
     share = model["Kp"] / model["Ki"]
     swing = math.sqrt(model["J"] / (model["Km"] * model["Ki"])) if model["Km"] else 0.0
-    return I - share * error, I_var + share * share * w_var + (swing * error) ** 2
+    return I - share * error, I_var + share * share * w_var + swing * swing * (error * error + w_var)
 
 
 def _friction_that_held(mean: float, var: float, held: Held, p: Array) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.logs.acquisition import (
+    OFF_ZERO,
     SET_UP_DEG,
     acquisition_of,
     channel_traits,
@@ -105,6 +106,7 @@ __all__ = [
     "understood",
     "shown_range",
     "Excitation",
+    "OFF_ZERO",
     "SHORTEST_REST",
     "FEWEST_STEPS",
     "PLAIN",

@@ -21,6 +21,9 @@ Mask = NDArray[np.bool_]
 FEWEST = 100  # samples of a rest from which anything is told
 # Samples of rests where none is longer, those of slow loggers; by which later rests scatter more in which a motor settles.
 SHORT, SETTLES = 24, 5.0
+# Of the noise of a reading, from which the mean at rest is no zero: fourteen standard deviations of a usual rest. A command that
+# is recovered and filters take out what is more, both of it or neither.
+OFF_ZERO = 0.7
 SETTLED_S = 0.3  # after a stop, until a rest is one
 SET_UP_DEG = 1.0  # of the pitch from one sample to the next: nobody tilts a rig so fast while it moves
 FOREIGN = 5.0  # times its noise: a logger that a rig file does not know

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, position_speed
 from observer_fi.numerics import constant_runs, filled
@@ -363,7 +364,7 @@ def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, mod
             begin = log.t[level.first : level.last + 1] < log.t[level.first] + BEGIN_S
             part = command[level.first : level.last + 1][begin & known[level.first : level.last + 1]]
             seen = float(np.median(part)) if part.size else seen
-        bias = before if abs(before) > 3.0 * noise else 0.0
+        bias = before if abs(before) > OFF_ZERO * noise else 0.0
         found.append(level._replace(speed=0.0 if rests[k] else seen - bias))
     return found
 

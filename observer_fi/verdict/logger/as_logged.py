@@ -13,6 +13,7 @@ import numpy as np
 
 from observer_fi.bank import between_samples, repeat_share
 from observer_fi.logs import (
+    OFF_ZERO,
     SHORTEST_REST,
     Hum,
     LowPasses,
@@ -33,7 +34,6 @@ from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
 from observer_fi.verdict.testable import for_readings
 
-OFFSET = 0.7  # of the noise of a reading, from which the mean at rest is off: fourteen standard deviations of a usual rest
 SPIKE_NIS = 22.0  # what a spike counts: one reading in a thousand, within a hundred standard deviations
 FEWEST_RESTS = 3  # that say the same of a line: two say it of any
 QUIET = 1.25  # times its expected NIS: a start whose lines are out of it is explained as well as this, or they were others
@@ -238,7 +238,7 @@ def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:
     return a._replace(position=a.position._replace(travel=max(a.position.travel, float(np.ptp(moved)))))
 
 
-def electrical_offset(a: Acquisition, rig: Rig, least: float = OFFSET) -> float:
+def electrical_offset(a: Acquisition, rig: Rig, least: float = OFF_ZERO) -> float:
     """Zero offset of the voltage against the current [V]: at rest equation 16 leaves their resistance only.
 
     Of two offsets only this sum shows in the motor's voltage balance; what is left of the current's is like friction.

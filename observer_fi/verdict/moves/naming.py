@@ -105,7 +105,7 @@ class Naming:
         """Whether the path is better than nominal by more than chance, and more than the ring of a start.
 
         Whatever is entered there begins anew with a speed in doubt, and gains by that: a fault goes on to gain, and a size
-        that stands shows; and in a stop.
+        that stands shows; and in a stop, also where the motion before it says next to nothing.
         """
         if (
             _passes(path, whole, event.start_s)
@@ -113,7 +113,8 @@ class Naming:
             or self._goes_off(path, whole)
         ):
             return False
-        if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
+        stops = path.begin >= whole.moving - round(STOPPING_S / whole.interval)
+        if whole.n > whole.moving and (stops or path.moving < self.settings.move_nats):
             more = max(shown(path), path.later)
             return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S

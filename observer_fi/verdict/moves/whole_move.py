@@ -30,8 +30,9 @@ LEFT = 32  # samples of the move that a fault must have
 # A path fits below this times the expected NIS; a begin is not followed below this share of the best.
 WELL, HOPELESS = 1.2, 0.7
 BY_CHANCE = 3.0  # standard deviations by which a fault of the right law may fit worse than nominal before it
-# A sample, that a sensor which failed without any misfit gains where its noise is less than it should be: 0.03 in a healthy move.
-LITTLE_NATS = 0.1
+# A sample, that a sensor which failed without any misfit gains where its noise is less than it should be: 0.03 in a healthy move,
+# and 0.12 of readings in steps, whose error is the same for a while. One that repeats itself to the last digit gains several.
+LITTLE_NATS, LITTLE_OF_STEPS = 0.1, 0.5
 DRIVES = 4.0  # standard deviations beyond none, at which a torque drives the motion
 KEPT = 5  # hypotheses of each look that are followed to the end
 ROUNDS, ROUND_NATS = 4, 1.0  # of an iterated filter, and what a round must gain for another one
@@ -44,6 +45,7 @@ class Path(NamedTuple):
     gain: nats over nominal, less the price of its changes. memory: of the fault's filter when it ended. nis: mean normalised
     innovation squared of the fault's filter while it lasted. later: nats of the gain that came
     `SETTLED_S` or more after the begin, also behind its end. before: share of the travel that a fault before it takes.
+    moving: nats of the gain that came while the motor was under way.
     """
 
     hypothesis: Hypothesis
@@ -56,6 +58,7 @@ class Path(NamedTuple):
     first: int = 0
     last: int = 0
     before: float = 0.0
+    moving: float = math.inf
 
 
 class Begin(NamedTuple):
@@ -280,13 +283,14 @@ class WholeMove:
     def reads_as_usual(self, path: Path) -> bool:
         """Whether nominal explains what a failed sensor read no worse than it should, and believing it costs next to nothing.
 
-        A logger finer than the rig file says reads more alike than nominal expects: over thousands of samples that adds up, and
-        is no failure.
+        A logger finer than the rig file says, or one in steps, reads more alike than nominal expects: over thousands of samples
+        that adds up, and is no failure.
         """
-        last = self.n if path.end is None else path.end
+        last, failed = self.n if path.end is None else path.end, path.hypothesis.failed
         nis = float(self.nis[path.begin : last].mean())
-        little = path.gain < LITTLE_NATS * max(last - path.begin, 1)
-        return path.hypothesis.failed >= 0 and little and nis <= self.expected(self.nominal)
+        a_sample = LITTLE_OF_STEPS if failed >= 0 and self.filters.rig.step[failed] else LITTLE_NATS
+        little = path.gain < a_sample * max(last - path.begin, 1)
+        return failed >= 0 and little and nis <= self.expected(self.nominal)
 
     def lasts(self, path: Path) -> bool:
         """Whether the fault of a path is there until the motor stops."""
@@ -438,14 +442,16 @@ class WholeMove:
         settled = float(gained[min(round(SETTLED_S / self.interval), gained.size - 1)])
         gain, later = float(gained[-1]) - CHANGE_NATS, float(gained[-1]) - settled
         held = found.first, found.last, self.lost(begin)
-        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held)
+        moving = float(gained[max(self.moving - begin, 0)])
+        stays = Path(h, begin, None, gain, memories[-1], float(nis.mean()), later, *held, moving)
         ends = _Ends(self, h, begin, self._back(h, before), memories, gained)
         best = ends.best()
         if best is None:
             return stays
         end, worth, memory = best
         lasted = float(nis[: end - begin].mean())
-        over = Path(h, begin, end, worth, memory, lasted, worth - settled, *held)
+        moving = worth if end <= self.moving else moving
+        over = Path(h, begin, end, worth, memory, lasted, worth - settled, *held, moving)
         return max(stays, over, key=lambda path: path.gain)
 
 
