@@ -98,6 +98,13 @@ ONCE_WRONG = (
     ("mid_move+steps_current+voltage_late", "nominal", 900360),  # only a stop tells what is late
     ("voltage_late+steps_position+offsets", "nominal", 760261),  # a zero that shows from afar alone
     ("hum_50hz+no_command", "coupling_loss", 900269),  # a recovered command behind hum
+    (
+        "no_command+drive_off+jitter+offsets",
+        "nominal",
+        1200174,
+    ),  # its command kept an offset that filters lost
+    ("no_voltage+voltage_late+mid_move", "coupling_loss", 1100204),  # nobody knows how fast it began
+    ("drive_400hz+position_averaged+no_voltage+steps_position", "nominal", 1100106),  # 57 nats of a stop
 )
 
 

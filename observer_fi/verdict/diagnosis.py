@@ -259,9 +259,11 @@ class Diagnosis:
 
     def _ask_moves(self, events: Iterable[Event]) -> None:
         """The last word on moves that have ended, while their samples are at hand."""
+        healthy_before = False
         for event in events:
-            if event.start_s in self.told:
-                continue
+            healthy_before |= event.label == NOMINAL
+            if event.start_s in self.told or (self.suspects and not healthy_before):
+                continue  # a unit or sign is told instead
             doubting = self.last_word.doubting(event, self.memory)
             asked = self.last_word.needed(doubting)
             told = self.last_word.on(doubting, self.memory) if asked else event

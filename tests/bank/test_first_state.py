@@ -105,3 +105,24 @@ def test_readings_that_come_rarely_have_no_line() -> None:
     z = np.full((64, 3), np.nan)
     z[::16] = np.arange(4)[:, None] * np.ones(3)
     assert first_readings(z, 410.0) == pytest.approx(np.full(3, 1.5))
+
+
+@pytest.mark.parametrize("command", [410.0, -90.0])
+def test_a_speed_that_no_voltage_tells_is_in_doubt_by_all_of_the_command(command: float) -> None:
+    """It was known to 1 rad/s, from a voltage of nothing: the filter paid with a negative inertia."""
+    nominal = start(HYPOTHESES, MADE, np.array([np.nan, 0.04, 0.0]), command, RIG.watched)[0]
+    assert nominal.x[0] == command and np.sqrt(nominal.P[0, 0]) == abs(command)
+    volts = RIG.model["Rm"] * 0.04 + RIG.model["Km"] * command
+    told = start(HYPOTHESES, MADE, np.array([volts, 0.04, 0.0]), command, RIG.watched)[0]
+    assert np.sqrt(told.P[0, 0]) < 0.2 * abs(command) and told.P[1, 1] < nominal.P[1, 1]
+    still = start(HYPOTHESES, MADE, np.array([np.nan, 0.01, 0.0]), 0.0, RIG.watched)[0]
+    assert still.x[0] == 0.0 and np.sqrt(still.P[0, 0]) < 1e-2
+
+
+@pytest.mark.parametrize("seed", range(1_300_000, 1_300_004))
+def test_a_healthy_log_that_begins_under_way_without_a_voltage_is_healthy(seed: int) -> None:
+    """Two of these were a failed current sensor for sure, one not tested."""
+    frame = hidden.make_log_with("no_voltage+mid_move", hidden.draw_move_case(seed, "nominal"), seed)[0]
+    assert "voltage_v" not in frame and frame["speed_cmd_rad_s"].iloc[0] != 0.0
+    found = diagnose_log(log_from_frame(frame), RIG, SETTINGS).isolation
+    assert found is not None and found.verdict.label == "nominal" and not found.verdict.alike

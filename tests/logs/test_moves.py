@@ -269,6 +269,17 @@ def test_without_a_speed_loop_the_settled_speed_stands_for_the_command() -> None
     assert np.abs((found != 0.0) ^ (log.w_cmd != 0.0)).mean() < 0.03
 
 
+@pytest.mark.parametrize("sigmas", [0.9, 1.5, 2.5, 6.0])
+def test_an_offset_of_the_voltage_is_no_speed(sigmas: float) -> None:
+    """A rest of 0.2 s tells it to a twentieth of a reading's noise; below three of these it had stayed in the command."""
+    log = healthy_log()
+    offset = sigmas * float(np.std(log.z[: round(0.9 * START_S * RATE_HZ), 0]))
+    blank = replace(log, w_cmd=np.full(log.t.size, np.nan), z=log.z + np.array([offset, 0.0, 0.0]))
+    steady = (log.t > START_S + 0.4) & (log.t < STOP_S)
+    off = np.median(recover_command(blank, MODEL).w_cmd[steady]) - SPEED
+    assert abs(off) < 0.3 * offset / MODEL["Km"]
+
+
 def test_only_a_command_that_is_missing_is_recovered() -> None:
     log = healthy_log()
     assert with_command(log, RIG) is log
