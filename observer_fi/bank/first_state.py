@@ -41,7 +41,7 @@ def held_at_first(z: Array, w_cmd: Array, theta: Array, noise: Array) -> Held | 
     if current.size < START_READINGS:
         return None
     # As doubtful as one reading: noise behind a filter is alike from sample to sample, and a mean of ten no better.
-    return Held(float(current.mean()), math.sqrt(noise[1]), float(theta[0]))
+    return Held(float(np.median(current)), math.sqrt(noise[1]), float(theta[0]))
 
 
 def start(

@@ -212,8 +212,13 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
         traits = traits._replace(repeats=0.0 if held else traits.repeats)
     else:
         traits = traits._replace(repeats=float(np.mean(np.diff(z[rests[0]]) == 0.0)))
-    known = bool(rests) and bool(np.isfinite(z[rests[0]]).any())
-    return traits._replace(offset=float(np.nanmean(z[rests[0]])) if known else 0.0)
+    return traits._replace(offset=_level(z[rests[0]]) if rests else 0.0)
+
+
+def _level(z: Array) -> float:
+    """Mean of the readings of a rest, z (n,), without spikes: one of a hundred standard deviations makes an offset of a short rest."""
+    seen = z[np.isfinite(z)]
+    return float(seen[~_spikes_among(seen - np.median(seen))].mean()) if seen.size else 0.0
 
 
 def _settles(begin: slice, rests: Sequence[slice], z: Array) -> bool:
@@ -315,13 +320,16 @@ def _piece(t: Array, z: Array, held: float | None) -> tuple[Array, Array]:
     t, y = t[kept], z[kept]
     if not y.size:
         return t, y
-    y = y - np.median(y)
-    usual = 1.4826 * float(np.median(np.abs(y))) or float(np.min(np.abs(y[y != 0.0]), initial=np.inf))
-    spikes = np.abs(y) > SPIKE * usual
-    if spikes.mean() > 0.05:
-        spikes[:] = False
+    spikes = _spikes_among(y - np.median(y))
     y = y[~spikes]
     return t[~spikes], y - y.mean() if y.size else y
+
+
+def _spikes_among(y: Array) -> Mask:
+    """Which readings of a rest, y (n,) about their median, are spikes: none where they are many."""
+    usual = SIGMA_OF_MAD * float(np.median(np.abs(y))) or float(np.min(np.abs(y[y != 0.0]), initial=np.inf))
+    spikes = np.abs(y) > SPIKE * usual
+    return spikes if spikes.mean() <= 0.05 else np.zeros(y.size, dtype=np.bool_)
 
 
 def _alike(pieces: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:

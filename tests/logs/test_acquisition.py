@@ -106,6 +106,19 @@ def test_offsets_are_the_mean_of_the_first_rest() -> None:
 # --- logs that tell little -----------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("sigmas", [20.0, 100.0])
+def test_a_spike_is_no_offset_of_a_short_rest(sigmas: float) -> None:
+    log = signal(seed=5)
+    seen = [traits_of(replace(log, z=z)).voltage.offset for z in (log.z, _with_spike(log.z, sigmas))]
+    assert abs(seen[1] - seen[0]) < 0.05 * SIGMA[0]
+
+
+def _with_spike(z: np.ndarray, sigmas: float) -> np.ndarray:
+    out = z.copy()
+    out[7, 0] += sigmas * SIGMA[0]
+    return out
+
+
 @pytest.mark.parametrize("n", [2, 10, 99, 100, 101])
 def test_short_logs_tell_little_but_do_not_fail(n: int) -> None:
     log = signal(8)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden import SURROUNDINGS, draw_move_case, draw_rig, log_in
+from hidden import SURROUNDINGS, draw_move_case, draw_rig, log_in, make_log_with
 
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
@@ -42,6 +42,18 @@ def test_the_first_start_tells_the_winding_and_the_gains(
 ) -> None:
     day = AsLogged(logged(kind, "nominal", seed), RIG, BankSettings()).day
     assert day.winding == pytest.approx(winding, abs=0.01) and day.gains == pytest.approx(gains, abs=0.03)
+
+
+@pytest.mark.parametrize("label", ["nominal", "overload"])
+@pytest.mark.parametrize("seed", [1_510_000, 1_510_002])
+def test_a_slow_logger_tells_the_winding_too(label: str, seed: int) -> None:
+    """A start of a quarter of a second has fifty of its samples, and was not asked: a failed sensor for sure, or no verdict."""
+    spec = draw_move_case(seed, label)
+    warm = replace(spec, rig=replace(spec.rig, Rm=1.117 * spec.rig.Rm))
+    log = log_from_frame(make_log_with("slow_200hz", warm, seed)[0])
+    assert AsLogged(log, RIG, BankSettings()).day.winding == pytest.approx(1.117, abs=0.02)
+    found = diagnose_log(log, RIG, Settings()).isolation
+    assert found is not None and found.verdict.label == label
 
 
 def test_a_usual_day_is_that_of_the_rig_file() -> None:

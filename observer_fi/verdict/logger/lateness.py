@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import moves_from_rest
+from observer_fi.logs import SHORTEST_REST, moves_from_rest
 from observer_fi.physics import Rig, with_values
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
 
 BEFORE_S, AFTER_S, STEADY_S = 0.12, 0.25, 0.08  # of the start of a move, and its last part, without a ring
-FEWEST = 60  # samples in motion there
+FEWEST = 60  # samples in motion there: of a slow logger those of a longer time
 NOTICED_NATS = 40.0  # that a delay must be worth
 LEAST = 0.08  # of a sample
 FIRST_LOOK = 0.25  # samples
@@ -125,10 +125,11 @@ def _position(gain: "_Gains", best: Lateness) -> Lateness:
 def first_start(log: Log) -> Log | None:
     """The first start from rest with enough rest before it, None where there is none."""
     for move in moves_from_rest(log):
-        first, last = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))
-        if move.start - max(first, move.rest) >= FEWEST and min(last, move.stop) - move.start >= FEWEST:
-            part = slice(max(int(first), move.rest), int(min(last, move.stop)))
-            return log.part(part)
+        since, until = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))
+        first = max(min(int(since), move.start - SHORTEST_REST), move.rest)
+        last = min(max(int(until), move.start + FEWEST), move.stop)
+        if move.start - first >= SHORTEST_REST and last - move.start >= FEWEST:
+            return log.part(slice(first, last))
     return None
 
 
