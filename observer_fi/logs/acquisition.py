@@ -216,7 +216,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
 
 
 def _level(z: Array) -> float:
-    """Mean of the readings of a rest, z (n,), without spikes: one of a hundred standard deviations makes an offset of a short rest."""
+    """Mean of the readings of a rest, z (n,), without spikes: one of them would be the offset of a short rest."""
     seen = z[np.isfinite(z)]
     return float(seen[~_spikes_among(seen - np.median(seen))].mean()) if seen.size else 0.0
 

@@ -27,7 +27,7 @@ from observer_fi.verdict.moves.stories import (
     special_case,
     takes_up_any_load,
 )
-from observer_fi.verdict.moves.whole_move import HOPELESS, SETTLED_S, STRIDE, WELL, Path, WholeMove
+from observer_fi.verdict.moves.whole_move import HOPELESS, JUMP_DEG, SETTLED_S, STRIDE, WELL, Path, WholeMove
 
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
 # Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
@@ -43,6 +43,9 @@ STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the s
 # What begins within this of the stop gains by a speed in doubt anew: 39 nats in healthy moves at 10 rad/s, 53 with gains that
 # are off. It must have so many times the nats of another fault.
 STOPPING_S, IN_A_STOP = 0.01, 10.0
+JUMPING_S = (
+    0.05  # about a jump of the pitch between two samples: when between them the load came, nobody knows
+)
 NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
 BLIND = 1e-3  # probability from which a lost coupling is as good as a frozen position
 
@@ -113,8 +116,7 @@ class Naming:
             or self._goes_off(path, whole)
         ):
             return False
-        stops = path.begin >= whole.moving - round(STOPPING_S / whole.interval)
-        if whole.n > whole.moving and (stops or path.moving < self.settings.move_nats):
+        if _in_doubt(path, whole) or (whole.n > whole.moving and path.moving < self.settings.move_nats):
             more = max(shown(path), path.later)
             return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
         rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
@@ -293,6 +295,15 @@ def _as_good(paths: Sequence[Path]) -> list[Path]:
         for p in paths
         if p.hypothesis.label == best.hypothesis.label and p.gain >= (1.0 - AT_WILL) * best.gain
     ]
+
+
+def _in_doubt(path: Path, whole: WholeMove) -> bool:
+    """Whether a path begins where a filter that begins anew gains: as the motor stops, or as its load jumps between samples."""
+    if whole.n > whole.moving and path.begin >= whole.moving - round(STOPPING_S / whole.interval):
+        return True
+    near = round(JUMPING_S / whole.interval)
+    pitch = whole.window.theta[max(path.begin - near, 0) : path.begin + near]
+    return bool((np.abs(np.diff(pitch)) > JUMP_DEG).any())
 
 
 def shown(path: Path) -> float:
