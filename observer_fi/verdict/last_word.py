@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from observer_fi.bank import Bank, Hypothesis, of_a_move, other_laws
+from observer_fi.bank import Bank, Hypothesis, LogSamples, of_a_move, other_laws
 from observer_fi.logs import quarter_of_a_ring
 from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig, channel_of
 from observer_fi.records import Event
@@ -26,13 +27,14 @@ from observer_fi.verdict.moves.unloaded import slope_of
 from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
 from observer_fi.verdict.onset import Filters
 
+Mask = NDArray[np.bool_]
 # Where a fault may have begun: this long before the bank's first doubt, more where it is found at the edge, and after it.
 BEFORE_S, EDGE_S, AFTER_S = (0.2, 3.0, 30.0), 0.05, 0.05
 MOST_IN_DOUBT, MOST_SURE = (
     20,
     2,
 )  # moves of a label that are asked in a log, and those of a sure one that stand
-AT_REST, Z_REST = 8, 4.0  # samples of a rest that tell a drift, and standard deviations
+Z_REST = 4.0  # standard deviations of a drift at rest
 FAR_AT_REST = 120.0  # as FAR, where the motor should stand: in three healthy stops every fault gained 47 to 65 times as much
 RISEN = 1.0  # spreads from rig to rig by which friction is more than usual, and than in the moves before
 RISES_S = 0.1  # from a start on, when it may have risen
@@ -313,10 +315,8 @@ def _drift_at_rest(bank: Bank, end_s: float, whole: WholeMove) -> tuple[float, f
     )
     after &= np.isfinite(recent.z[:, 2])
     t, x = recent.t[after], recent.z[after, 2]
-    if t.size < AT_REST:
-        return None
-    off = t - t.mean()
-    return float(off @ x / (off @ off)), float(1.0 / math.sqrt(off @ off))
+    slope = slope_of(t, x)
+    return None if slope is None else (slope, float(1.0 / math.sqrt(t.size * t.var())))
 
 
 def _lost(path: Path) -> float:
@@ -327,21 +327,34 @@ def _lost(path: Path) -> float:
 def _keeps_pace(path: Path, lost: float, start_s: float, whole: WholeMove) -> bool:
     """Whether a mass goes on as fast as before a fault that should have lost it a share of its travel, and a voltage says so.
 
-    At a steady speed: start_s is when the move began.
+    At a steady speed, soon after the fault and as long as it lasts: one that grows takes little at first. start_s: when the move
+    began.
     """
     window = whole.window
-    since = window.t - window.t[path.begin]
-    earlier = (
-        (since > -AROUND_S[1]) & (since < -AROUND_S[0]) & (window.t > start_s + SETTLED_S) & window.active
-    )
-    later = (since > AROUND_S[0]) & (since < AROUND_S[1]) & window.active
-    if not earlier.any() or not later.any() or not np.isfinite(window.z[later, 0]).any():
+    t, begin = window.t, float(window.t[path.begin])
+    end = float(t[whole.moving - 1 if path.end is None else min(path.end, whole.moving) - 1])
+    earlier = _steady(whole, max(begin - AROUND_S[1], start_s + SETTLED_S), begin - AROUND_S[0])
+    soon = _steady(whole, begin + AROUND_S[0], begin + AROUND_S[1])
+    last = _steady(whole, max(end - AROUND_S[1], begin + AROUND_S[0]), end - AROUND_S[0])
+    if not np.isfinite(window.z[soon, 0]).any():
+        return False
+    return all(_as_fast(earlier, later, abs(lost), window) for later in (soon, last))
+
+
+def _steady(whole: WholeMove, since: float, until: float) -> Mask:
+    """Samples of a move under way between two times [s]."""
+    return (whole.window.t > since) & (whole.window.t < until) & whole.window.active
+
+
+def _as_fast(earlier: Mask, later: Mask, lost: float, window: LogSamples) -> bool:
+    """Whether a mass has kept its speed, and its command, but for a part of a share that was lost."""
+    if not earlier.any() or not later.any():
         return False
     asked = float(window.w_cmd[earlier].mean()), float(window.w_cmd[later].mean())
     moved = slope_of(window.t[earlier], window.z[earlier, 2]), slope_of(window.t[later], window.z[later, 2])
     if moved[0] is None or moved[1] is None:
         return False
-    return all(abs(b - a) < KEEPS * abs(lost * a) for a, b in (asked, (moved[0], moved[1])))
+    return all(abs(b - a) < KEEPS * lost * abs(a) for a, b in (asked, (moved[0], moved[1])))
 
 
 def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:

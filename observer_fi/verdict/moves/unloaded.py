@@ -29,7 +29,8 @@ _WHY = {
     "sensor_fault": "the current stayed as it was when the position stopped: the motor still moves its load",
 }
 BEFORE_S, AFTER_S = (0.35, 0.03), (0.1, 0.5)  # of an onset: where the current is steady
-FEWEST = 10  # samples of a mean
+FEWEST = 10  # samples of a mean, or of a slope
+SPIKE = 9.0  # times the median distance from a line, six standard deviations: none of a logger without spikes is so far
 USUAL = 0.05  # by which a steady current changes from place to place, relative, 1 sigma
 DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
 # Of the current before: a mass that is let go leaves more, so that less is a motor that is being stopped, which began so long
@@ -223,9 +224,14 @@ def _fallen(event: Event, bank: Bank) -> bool:
 
 
 def slope_of(t: Array, x: Array) -> float | None:
-    """Slope of a position [m/s]; None of too few readings."""
+    """Slope of a position [m/s], without its spikes; None of too few readings."""
     known = np.isfinite(x)
-    return float(np.polyfit(t[known] - t[known][0], x[known], 1)[0]) if known.sum() >= FEWEST else None
+    if known.sum() < FEWEST:
+        return None
+    t, x = t[known] - t[known][0], x[known]
+    off = np.abs(x - np.polyval(np.polyfit(t, x, 1), t))
+    near = off <= SPIKE * float(np.median(off))
+    return float(np.polyfit(t[near], x[near], 1)[0])
 
 
 def _mean(i: Array) -> tuple[float, float] | None:
