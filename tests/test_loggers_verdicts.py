@@ -5,7 +5,7 @@ from functools import cache
 from typing import NamedTuple
 
 import pytest
-from hidden import PAIRS, TRAITS, TRIPLES, draw_move_case, make_log_with, trait_of
+from hidden import PAIRS, TRAITS, TRIPLES, draw_failing_case, draw_move_case, make_log_with, trait_of
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
@@ -112,6 +112,31 @@ ONCE_WRONG = (
 def test_what_a_logger_does_is_no_fault(name: str, label: str, seed: int) -> None:
     answer = said(name, label, seed)
     assert answer.right, answer.words
+
+
+FAILS_BEHIND = (
+    (
+        "frozen",
+        "voltage",
+        "steps_3_all",
+        1_700_075,
+    ),  # stands within a step, and goes on to as the motor stops
+    (
+        "frozen",
+        "current",
+        "twelve_bits",
+        1_700_033,
+    ),  # the voltage explained the rest as well, and the stop not
+)
+
+
+@pytest.mark.parametrize(("kind", "channel", "name", "seed"), FAILS_BEHIND)
+def test_a_sensor_that_freezes_behind_coarse_steps_is_named(
+    kind: str, channel: str, name: str, seed: int
+) -> None:
+    frame, _ = make_log_with(name, draw_failing_case(seed, kind, channel, 3.0), seed)
+    found = diagnose_log(log_from_frame(frame), RIG, SETTINGS).isolation
+    assert found is not None and (found.verdict.label, found.verdict.channel) == ("sensor_fault", channel)
 
 
 def off_after(monkeypatch: pytest.MonkeyPatch, after_s: float) -> None:

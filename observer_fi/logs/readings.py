@@ -2,8 +2,8 @@
 
 Filters take the noise of their readings for white. A held reading is fresh at its ticks only; one that stands within a step
 much larger than its noise says nothing new, but for that it has not moved, and so counts at samples 1, 4, 16, 64, ... of its
-run. Where a sensor ought to have ticked and did not, the repeat counts: it may be frozen. A channel that covers
-a few steps only, or none, is not taken at all.
+run, and of a new command: that it stands still then is news. Where a sensor ought to have ticked and did not, the repeat counts:
+it may be frozen. A channel that covers a few steps only, or none, is not taken at all.
 """
 
 import math
@@ -35,6 +35,7 @@ class Readings:
             3, np.nan
         )  # reading, when it came, and how many ticks it has stood since, of each channel
         self.since = np.zeros(3)
+        self.commands = np.empty(0)  # the last two
         self.ticks = np.full(3, -1)
 
     @property
@@ -46,21 +47,30 @@ class Readings:
         """The next chunk with NaN for readings that say nothing new."""
         if self.plain:
             return log
-        z = log.z.copy()
+        z, settled = log.z.copy(), self._settled(log.w_cmd)
         for c in range(3):
             if self.dark[c]:
                 z[:, c] = np.nan
             elif self.stands[c] or self.every[c] > 1:
-                z[~self._fresh(c, log.t, log.z[:, c]), c] = np.nan
+                z[~self._fresh(c, log.t, log.z[:, c], settled), c] = np.nan
         return replace(log, z=z)
 
-    def _fresh(self, c: int, t: Array, z: Array) -> NDArray[np.bool_]:
+    def _settled(self, w_cmd: Array) -> NDArray[np.bool_]:
+        """Where a command has just come to a new speed."""
+        before = self.commands if self.commands.size else np.repeat(w_cmd[:1], 2)
+        w = np.append(before, w_cmd)
+        self.commands = w[-2:]
+        return (w[2:] == w[1:-1]) & (w[1:-1] != w[:-2])
+
+    def _fresh(self, c: int, t: Array, z: Array, settled: NDArray[np.bool_]) -> NDArray[np.bool_]:
         there = np.isfinite(z)
         t, values = t[there], z[there]
         out = there.copy()
         if not values.size:
             return out
         changed = values != np.append(self.last[c], values[:-1])
+        if self.stands[c]:
+            changed |= settled[there]
         at = np.maximum.accumulate(np.where(changed, np.arange(values.size), -1))
         since = np.where(at < 0, self.since[c], t[at])  # when the reading came that stands
         tick = np.floor((t - since) * self.rate_hz / self.every[c] + 0.25 / self.every[c]).astype(np.int64)

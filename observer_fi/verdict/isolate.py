@@ -5,7 +5,7 @@ to be dead. Everything is causal and works on chunks of any length, one sample i
 and a stream end in the same verdict.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -350,7 +350,7 @@ class EventTracker:
             or not self._rest_misfits(self.rest_nis[j], self.rest_samples)
         ):
             return j, run, p
-        best = min(sensors, key=lambda k: float(self.rest_nis[k]))
+        best = self._of_a_rest(sensors)
         if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
             return j, run, p
         reasons.append("the stop and the rest after the move show it")
@@ -359,6 +359,13 @@ class EventTracker:
         p = self._given(best, self.settings.isolated)
         p[[best, *alike]] = p[best] / (1 + len(alike))
         return best, None, p
+
+    def _of_a_rest(self, sensors: Sequence[int]) -> int:
+        """The sensor that explains a rest: of several that do, as where one of two stood still, that which explains the stop."""
+        fit = [k for k in sensors if not self._rest_misfits(self.rest_nis[k], self.rest_samples)]
+        return (
+            max(fit, key=lambda k: self.stop_nats[k]) if fit else min(sensors, key=lambda k: self.rest_nis[k])
+        )
 
     def _faults(self) -> list[int]:
         """Hypotheses of a fault with a name that is no sensor's."""

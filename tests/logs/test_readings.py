@@ -128,3 +128,14 @@ def test_chunks_make_no_difference(cuts: list[int], hz: float | None, coarse: bo
         for a, b in zip(edges[:-1], edges[1:], strict=True)
     ]
     np.testing.assert_array_equal(np.concatenate([part.z for part in parts]), one.take(log).z)
+
+
+@pytest.mark.parametrize("cut", [0, 400, 503, 505])
+def test_a_coarse_reading_that_stands_through_a_new_command_counts_again(cut: int) -> None:
+    """A frozen voltage in steps of three sigma had counted four times in a rest, and was an all-clear."""
+    n, taken, w = 2000, readings(COARSE), np.zeros(2000)
+    w[500:504], w[504:] = (50.0, 100.0, 150.0, 180.0), 200.0
+    log = Log("log", np.arange(n) / RATE, np.full((n, 3), 0.3), w, np.zeros(n))
+    parts = [taken.take(log.part(part)) for part in (slice(0, cut), slice(cut, n)) if part.stop > part.start]
+    seen = np.flatnonzero(np.isfinite(np.concatenate([part.z[:, 2] for part in parts])))
+    assert seen[seen > 256].tolist() == [505, 506, 509, 521, 569, 761, 1529]

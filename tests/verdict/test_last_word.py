@@ -469,13 +469,20 @@ def test_an_inertia_that_ran_away_is_no_place_to_begin(inertia: float, lost: boo
 
 
 @pytest.mark.parametrize(
-    ("gain", "nis", "failed", "usual"),
-    [(190.0, 2.0, 1, True), (190.0, 4.0, 1, False), (2e3, 2.0, 1, False), (190.0, 2.0, -1, False)],
-)
+    ("gain", "nis", "failed", "step", "usual"),
+    [
+        (190.0, 2.0, 1, 0.0, True), (190.0, 4.0, 1, 0.0, False), (2e3, 2.0, 1, 0.0, False), (190.0, 2.0, -1, 0.0, False),
+        (2e3, 2.0, 1, 1e-3, True), (2e3, 4.0, 1, 1e-3, False), (6e3, 2.0, 1, 1e-3, False), (2e3, 2.0, 2, 1e-3, False),
+    ],
+)  # fmt: skip
 def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
-    gain: float, nis: float, failed: int, usual: bool
+    gain: float, nis: float, failed: int, step: float, usual: bool
 ) -> None:
-    whole: Any = SimpleNamespace(n=6000, nis=np.full(6000, nis), nominal=None, expected=lambda h: 3.0)
+    """One in steps errs by the same for a while; step: of the current."""
+    filters = SimpleNamespace(rig=SimpleNamespace(step=np.array([0.0, step, 0.0])))
+    whole: Any = SimpleNamespace(
+        n=6000, nis=np.full(6000, nis), nominal=None, expected=lambda h: 3.0, filters=filters
+    )
     path: Any = SimpleNamespace(begin=500, end=5500, gain=gain, hypothesis=SimpleNamespace(failed=failed))
     assert WholeMove.reads_as_usual(whole, path) is usual
 
@@ -566,3 +573,20 @@ def test_a_drive_that_goes_off_between_moves_is_no_fault_of_them(logger: str, se
         log_from_frame(hidden.make_log_with(logger, spec, seed)[0]), load_rig(), Settings()
     )
     assert {event.label for event in outcome.isolation.events} == {"nominal"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "logger", "seed"),
+    [
+        ("slip_growing", "ideal", 1_710_034),
+        ("slip_growing", "offsets", 1_710_043),
+        ("slip", "spikes", 1_710_063),
+    ],
+)
+def test_a_mass_that_falls_behind_little_by_little_is_no_voltage_that_misreads(
+    kind: str, logger: str, seed: int
+) -> None:
+    """Soon after its begin a slip that grows takes next to nothing; spikes of a position are no speed of the mass."""
+    frame = hidden.make_log_with(logger, hidden.draw_severity_case(seed, kind), seed)[0]
+    found = diagnose_log(log_from_frame(frame), load_rig(), Settings()).isolation
+    assert found is not None and found.verdict.label == "slip"
