@@ -14,7 +14,7 @@ from observer_fi.verdict import diagnose_log
 
 RIG, SETTINGS = load_rig(), Settings()
 CLASSES = ("nominal", "overload", "coupling_loss")
-FIRST, MOVES = 7600, 3
+FIRST = 7600
 CONFIDENT = 0.95
 QUICK = {
     "steps_all": "coupling_loss",
@@ -143,13 +143,14 @@ def test_a_log_that_begins_in_a_start_is_judged() -> None:
 
 
 def answers(name: str) -> list[Said]:
-    """Three moves, one of a class."""
-    return [said(name, CLASSES[k % 3], FIRST + k) for k in range(MOVES)]
+    """Moves of two of the three classes, which two in turn; of all three where sensors mislead."""
+    out = None if name in MISLEADING else EVERY.index(name) % 3
+    return [said(name, label, FIRST + k) for k, label in enumerate(CLASSES) if k != out]
 
 
 @pytest.mark.slow
 def test_every_logger_and_several_at_once() -> None:
-    """95 % right where the information is left in; of all others none is sure of something else, but for one in 130."""
+    """95 % right where the information is left in; of all others none is sure of something else, but for one in ninety."""
     keeping = [answer for name in EVERY if trait_of(name).keeps for answer in answers(name)]
     wrong = [answer.words for answer in keeping if not answer.right]
     assert len(wrong) <= 0.05 * len(keeping), wrong
