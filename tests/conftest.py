@@ -1,7 +1,9 @@
 """What every test shares: the same hypothesis examples each run, the recorded logs if any."""
 
 import os
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -23,11 +25,23 @@ def recorded_data() -> Path:
     return folder
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that share a costly fixture of their module go to one worker: the others would make it again."""
-    for item in items:
-        known = getattr(item, "_fixtureinfo", None)
-        definitions = [found[-1] for found in known.name2fixturedefs.values()] if known else []
-        if any(one.scope == "module" for one in definitions):
-            item.add_marker(pytest.mark.xdist_group(str(item.path)))
+@pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not there
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Every test by itself to the next free worker, but for files with a costly fixture: the others would make it again.
+
+    Not by `xdist_group`: pytest 9.2 takes no notice of the names that pytest-xdist 3.8 gives to the tests of a group.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFixture(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            path = nodeid.split("::")[0]
+            return path if has_shared_fixture(config.rootpath / path) else nodeid
+
+    return ByFixture(config, log) if config.getvalue("dist") == "load" else None
+
+
+@cache
+def has_shared_fixture(path: Path) -> bool:
+    """Whether a file of tests makes something once for several of them."""
+    return 'scope="module"' in (text := path.read_text(encoding="utf-8")) or 'scope="session"' in text

@@ -6,7 +6,11 @@ import hidden
 import pytest
 
 from observer_fi.improve import improve
-from observer_fi.logs import log_from_frame
+from observer_fi.improve.improvement import findings_of
+from observer_fi.improve.ladder import name_causes
+from observer_fi.improve.simulated_moves import simulated_moves
+from observer_fi.learn import campaign_filters, with_servo
+from observer_fi.logs import log_from_frame, unfiltered
 from observer_fi.physics import PARAMETERS, load_rig
 from pipelines.improve_study_cases import PAIRS, Case, run_case
 
@@ -17,17 +21,11 @@ def hide(causes: tuple[str, ...], size: float, seed: int = SEED) -> dict:
     return run_case(Case(causes, size, seed, all(c in hidden.CAUSES for c in causes)))
 
 
-@pytest.mark.parametrize(
-    "cause",
-    [
-        "viscous_friction",
-        "voltage_offset",
-    ],
-)
-def test_a_hidden_cause_is_found_first(cause):
-    row = hide((cause,), 3.0)
-    assert cause in row["found"][0]
+def test_a_hidden_cause_is_found_first_and_its_size_compared_with_the_truth():
+    row = hide(("voltage_offset",), 3.0)
+    assert "voltage_offset" in row["found"][0]
     assert len(row["found"]) == 1
+    assert row["errors"] and all(0.0 < abs(error) < 4.0 for error in row["errors"].values())
 
 
 def test_every_right_size_is_a_parameter_of_the_model():
@@ -38,10 +36,6 @@ def test_every_right_size_is_a_parameter_of_the_model():
     }  # fmt: skip
     assert {name for size in sizes.values() if size for name in size.parameters} <= set(PARAMETERS)
     assert sizes["position_gain"] == (("position_gain",), pytest.approx(1.06))
-
-
-def test_the_size_of_a_found_cause_is_compared_with_the_truth():
-    assert 0.0 < abs(hide(("torque_offset",), 3.0)["errors"]["torque_offset"]) < 4.0
 
 
 def test_nothing_hidden_nothing_found():
@@ -67,7 +61,19 @@ def test_two_at_once():
     [(c, 4201 + k % 2) for k, c in enumerate(hidden.CAUSES) if c != "gravity_nonlinearity"],
 )
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
-    assert any(cause in names for names in hide((cause,), 3.0, seed)["found"])
+    assert any(cause in names for names in named(cause, seed))
+
+
+def named(cause: str, seed: int) -> list[list[str]]:
+    """The causes that `improve` names, each with those that look like it, without what it tells beside them: half of its time."""
+    log, rig = (
+        log_from_frame(hidden.make_log(hidden.draw_effects_case(seed, (cause,), 3.0), seed)[0]),
+        load_rig(),
+    )
+    filters = campaign_filters([log], rig).told
+    problem = simulated_moves([unfiltered(log, filters)], with_servo([log], rig), filters=filters)
+    ladder = problem.reconsidered(name_causes(problem))
+    return [[found.cause, *found.indistinguishable_from] for found in findings_of(problem, ladder)]
 
 
 @pytest.mark.slow

@@ -108,9 +108,8 @@ OWN: dict[str, dict[str, float]] = {
 }
 EVERY = (*HIDDEN, *OWN)
 FAST = (
-    "backlash: play", "voltage_delay: plain", "supply_sag: drift", "current_lag: of the current", "position_lag: first-order lag",
-    "position_delay: plain", "load_dependent_friction: with the motor's torque",
-    "dead_zone: what is beyond it", "friction_warmup: within 20 % of the log",
+    "backlash: play", "voltage_delay: plain", "current_lag: of the current", "position_lag: first-order lag",
+    "load_dependent_friction: with the motor's torque",
 )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ def rippled() -> Improvement:
     return improved(7402, "screw_ripple", 40.0)
 
 
+@pytest.mark.slow
 def test_the_rig_that_does_best_on_new_moves_is_handed_over(rippled: Improvement) -> None:
     found = rippled.new_moves
     assert 0 < found.extended.moves <= MOST_MOVES
@@ -36,6 +37,7 @@ def test_the_rig_that_does_best_on_new_moves_is_handed_over(rippled: Improvement
     assert found.best == "extended" and "screw_ripple_sin" in rippled.extended_rig.model.effects
 
 
+@pytest.mark.slow
 def test_json_counts_new_moves_and_says_what_noise_would_leave(rippled: Improvement) -> None:
     table = to_json(rippled)
     assert set(table["new_moves"]) == {"rig_file", "refit", "extended", "written"}

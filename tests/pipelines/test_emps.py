@@ -132,18 +132,27 @@ def test_two_direction_parameters(logs):
 
 
 @pytest.fixture(scope="session")
-def report(recorded_data, tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("emps")
-    assert improve_emps.main(["--data", str(recorded_data), "--out", str(out)]) == 0
-    return out
+def told(recorded_data, tmp_path_factory) -> tuple[Path, improve_emps.Learned]:
+    """The folder of a report, and what it learned from both runs."""
+    out, learned = tmp_path_factory.mktemp("emps"), []
+
+    def named(problem):
+        learned.append(improve_emps.Learned(problem, name_causes(problem)))
+        return learned[-1].ladder
+
+    with pytest.MonkeyPatch.context() as here:
+        here.setattr(improve_emps, "name_causes", named)
+        assert improve_emps.main(["--data", str(recorded_data), "--out", str(out)]) == 0
+    return out, learned[-1]
 
 
-def test_extended_model_beats_every_published_one_by_a_fifth(logs):
+@pytest.mark.slow
+def test_extended_model_beats_every_published_one_by_a_fifth(logs, told):
     learn, pulses = (prepare_motion(log) for log in logs)
     training = (learn, pulses.between(-np.inf, improve_emps.HALF_S - improve_emps.GUARD_S))
     rivals = improve_emps.baselines(learn, training)
-    problem = calculated_force((), load_rig("emps"), training)
-    learned = improve_emps.Learned(problem, name_causes(problem))
+    learned = told[1]
+    assert [part.t.size for part in learned.problem.motions] == [part.t.size for part in training]
     ours = improve_emps.scores(improve_emps.final(learned), learn, pulses)
     for name, model in rivals.items():
         assert ours[1] < 0.8 * improve_emps.scores(model, learn, pulses)[1], name
@@ -168,7 +177,9 @@ def test_the_judged_half_is_never_learned_from(logs):
     assert whole.residual.size == np.count_nonzero(learn.use) + np.count_nonzero(motion.use)
 
 
-def test_report_and_packaged_rig_agree(report):
+@pytest.mark.slow
+def test_report_and_packaged_rig_agree(told):
+    report, _ = told
     result = json.loads((report / "improve.json").read_text(encoding="utf-8"))
     assert result["schema"] == "observer-fi/improve/1"
     assert len(result["findings"]) >= 5

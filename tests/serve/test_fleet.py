@@ -370,8 +370,8 @@ def run_and_kill(job: fleet.Job, good: int, broken: int, address: str, workers: 
 def test_a_worker_is_killed_and_a_second_run_does_nothing(
     tmp_path: Path, cluster: tuple[str, Processes]
 ) -> None:
-    make_logs(tmp_path / "logs", 26, 10)
-    run_and_kill(make_job(tmp_path), 26, 10, *cluster)
+    make_logs(tmp_path / "logs", 12, 10)
+    run_and_kill(make_job(tmp_path), 12, 10, *cluster)
 
 
 @pytest.mark.slow
@@ -410,6 +410,7 @@ def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
             yield future
             seen.append(future)
             if len(seen) == 3:
+                monkeypatch.setattr(fleet, "WAIT_S", 5.0)  # nobody comes back
                 for process in [cluster_scheduler(address)] if gone == "scheduler" else workers:
                     os.kill(process if isinstance(process, int) else process.pid, signal.SIGKILL)
 

@@ -20,7 +20,7 @@ from observer_fi.verdict import isolate
 from observer_fi.verdict.diagnosis import Diagnosis
 
 RIG, SETTINGS = load_rig(), Settings()
-BATCHES = (1, 7, 64, 1000)
+BATCHES = (1, 64, 1000)
 LABELS = ("nominal", "overload", "coupling_loss")
 
 
@@ -67,14 +67,15 @@ THROUGH = (
 )
 
 
-@pytest.mark.parametrize("label", LABELS)
-@pytest.mark.parametrize("name", THROUGH)
+@pytest.mark.parametrize(
+    ("name", "label"), [(name, LABELS[(k + j) % 3]) for k, name in enumerate(THROUGH) for j in range(2)]
+)
 def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) -> None:
     log = through(name, label, 7610)
     assert what(streamed(log)[0].verdict()) == what(of_the_bank(log))
 
 
-@pytest.mark.parametrize("name", ["ideal", "position_100hz", "voltage_late+offsets", "hum_50hz"])
+@pytest.mark.parametrize("name", ["position_100hz", "voltage_late+offsets", "hum_50hz"])
 def test_the_size_of_batches_does_not_matter(name: str) -> None:
     log = through(name, "coupling_loss", 7611)
     ends = [streamed(log, batch) for batch in BATCHES]

@@ -122,7 +122,7 @@ def test_a_position_that_stands_still_under_its_noise_is_never_surely_a_lost_cou
     assert v.label == "sensor_fault" or "sensor_fault" in v.alike
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_rig_that_is_off_gets_no_name(seed: int) -> None:
     """Winding, friction of the day and gains differ, nothing broke: no fault of the mechanics is made of it."""
     rng = np.random.default_rng([seed, 77])
@@ -147,8 +147,7 @@ def test_a_fault_that_is_there_from_the_start_has_its_name_and_size(
     assert size(v, name)[0] == pytest.approx(true, rel=0.1)
 
 
-@pytest.mark.parametrize("speed", [10.0, 12.0])
-@pytest.mark.parametrize("seed", [5300, 5301])
+@pytest.mark.parametrize(("speed", "seed"), [(10.0, 5300), (12.0, 5301)])
 def test_the_ring_of_a_creeping_start_is_no_fault(speed: float, seed: int) -> None:
     """Entered there, any fault gains by a speed that is in doubt anew; it must go on to gain."""
     spec = hidden.TruthSpec(hidden.single_move(speed, 3.0, pitch_deg=4.0), start_integral_rad=0.02)
@@ -186,7 +185,7 @@ def test_sizes_drawn_over_decades(kind: str) -> None:
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_friction_that_no_rig_has_from_the_first_sample_on_is_a_jam(factor: float) -> None:
     said = []
-    for seed in range(5700, 5706):
+    for seed in range(5700, 5704):
         spec = hidden.draw_move_case(seed, "nominal")
         spec = replace(spec, rig=replace(spec.rig, A=factor * spec.rig.A))
         found = diagnose_log(log_from_frame(hidden.make_log(spec, seed)[0]), load_rig(), Settings()).isolation
@@ -199,7 +198,7 @@ def test_friction_that_no_rig_has_from_the_first_sample_on_is_a_jam(factor: floa
     if factor == 1.0:
         assert set(said) == {"nominal"}
     else:
-        assert said.count("jam") >= 4 and set(said) <= {"jam", "unknown"}
+        assert said.count("jam") >= 3 and set(said) <= {"jam", "unknown"}
 
 
 @pytest.mark.parametrize("kind", ["slip", "drift"])
@@ -329,7 +328,7 @@ def test_a_fault_too_small_to_say_so_is_no_all_clear(seed: int, kind: str, label
     assert healthy.label == "nominal" and healthy.alike == ()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
     v = verdict(hidden.NO_FAULT, replace(hidden.TABLE_1, A=1.42 * hidden.TABLE_1.A), seed=seed)
     assert v.label == "nominal" and v.alike == ("jam",) and v.probability == 0.5
@@ -347,11 +346,11 @@ def test_what_came_in_a_rest_has_its_name_in_the_next_move(seed: int, label: str
 
 @pytest.mark.parametrize("label", ["coupling_loss", "jam"])
 def test_one_fault_is_never_two(label: str) -> None:
-    for seed in range(3):
+    for seed in range(2):
         assert not verdict(hidden.Fault(label, 1.5, size=0.8), seed=seed).then
 
 
-@pytest.mark.parametrize("seed", [13001, 13002, 13004])
+@pytest.mark.parametrize("seed", [13001, 13004])
 def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     """On a slope nothing tells friction from gravity in one move: their sum is more than any rig has."""
     spec = hidden.draw_severity_case(seed, "nominal")
@@ -372,7 +371,7 @@ def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None
     assert v.label == "jam" and v.onset_s == pytest.approx(float(spec.fault.onset_s or 0.0), abs=0.15)
 
 
-@pytest.mark.parametrize("seed", [83007, 83015])
+@pytest.mark.parametrize("seed", [83007, pytest.param(83015, marks=pytest.mark.slow)])
 def test_friction_that_creeps_up_by_a_few_percent_is_a_jam(seed: int) -> None:
     """Nominal follows it, and an obstacle without a loss of travel would fit it better than a jam that sets in at once."""
     spec = hidden.draw_severity_case(seed, "jam_growing")
@@ -387,7 +386,9 @@ def test_a_fault_as_the_motor_is_stopped_is_no_all_clear(label: str, before: flo
     assert verdict(hidden.Fault(label, MOVE.moves[0].brake_s - before)).label == label
 
 
-@pytest.mark.parametrize(("seed", "shape"), [(88002, "staircase"), (83013, "without_rests")])
+@pytest.mark.parametrize(
+    ("seed", "shape"), [pytest.param(88002, "staircase", marks=pytest.mark.slow), (83013, "without_rests")]
+)
 def test_a_fault_behind_healthy_motion_is_no_other_machine(seed: int, shape: str) -> None:
     """The bank alone is far from what is left of the motor; the whole move fits."""
     v = of(hidden.draw_severity_case(seed, "coupling_loss", shape), seed)
@@ -528,7 +529,7 @@ def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> 
     assert "jam" in (v.label, *v.alike)
 
 
-@pytest.mark.parametrize("seed", [210024, 215001])
+@pytest.mark.parametrize("seed", [210024, pytest.param(215001, marks=pytest.mark.slow)])
 def test_what_happens_in_a_rest_has_the_name_that_the_next_move_gives_it(seed: int) -> None:
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == "coupling_loss"
 

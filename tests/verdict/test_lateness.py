@@ -51,7 +51,7 @@ def test_one_late_channel_is_measured(name: str) -> None:
 
 def test_the_first_stop_tells_where_the_log_begins_under_way() -> None:
     """There is no start; the stop of a healthy machine had been a voltage sensor that fails."""
-    for seed in (7602, 7605, 7608, 7611):
+    for seed in (7602, 7605):
         spec = draw_move_case(seed, "nominal")
         for name, least in (("mid_move+voltage_late", 0.5), ("mid_move", 0.0)):
             frame, truth = make_log_with(name, spec, seed)

@@ -25,7 +25,9 @@ def verdict(seed: int, obstacle: Obstacle) -> tuple[Event, float]:
     return found.verdict, spec.fault.onset_s
 
 
-@pytest.mark.parametrize(("seed", "share"), [(70215, 20.0), (70102, 200.0)])
+@pytest.mark.parametrize(
+    ("seed", "share"), [(70215, 20.0), pytest.param(70102, 200.0, marks=pytest.mark.slow)]
+)
 def test_a_spring_is_an_overload_and_tells_its_stiffness(seed: int, share: float) -> None:
     """Of 20 and 200 times the friction at 1 mm; by the square law alone both were faults without a name."""
     v, onset = verdict(seed, Obstacle(share * FRICTION, 1.0, share_lost=0.52))
@@ -41,8 +43,8 @@ def test_a_spring_is_an_overload_and_tells_its_stiffness(seed: int, share: float
 @pytest.mark.parametrize(
     ("seed", "obstacle"),
     [
-        (70219, Obstacle(20.0 * FRICTION, 1.5, share_lost=0.52)),
-        (70103, Obstacle(2000.0 * FRICTION, 1.0, share_lost=0.52)),
+        pytest.param(70219, Obstacle(20.0 * FRICTION, 1.5, share_lost=0.52), marks=pytest.mark.slow),
+        pytest.param(70103, Obstacle(2000.0 * FRICTION, 1.0, share_lost=0.52), marks=pytest.mark.slow),
         (70104, Obstacle(FRICTION, 1.0, preload=0.5 * FRICTION, share_lost=0.52)),
     ],
     ids=["ball", "wall", "load"],

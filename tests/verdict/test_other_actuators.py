@@ -14,7 +14,14 @@ def wrong(drive: str, seed: int) -> list[str]:
 
 # A current alone whose noise repeats readings by their steps (100 and 250 samples a second); a lost coupling and a jam that
 # the bank takes for a current that lies.
-@pytest.mark.parametrize(("drive", "seed"), [("current", 300007), ("current", 300009), ("voltage", 301003)])
+@pytest.mark.parametrize(
+    ("drive", "seed"),
+    [
+        ("current", 300007),
+        pytest.param("current", 300009, marks=pytest.mark.slow),
+        pytest.param("voltage", 301003, marks=pytest.mark.slow),
+    ],
+)
 def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
 

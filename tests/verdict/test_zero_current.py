@@ -70,7 +70,7 @@ def test_moves_in_one_direction_tell_it_as_they_stop() -> None:
 def test_a_fault_is_told_beside_it_as_without_it_and_is_no_zero(label: str, move: int) -> None:
     """In the second move: before any two healthy ones that tell the zero."""
     kind, channel, size = ("bias", "current", 9e-3) if label == "sensor_fault" else ("", None, None)
-    for seed in (8120, 8121):
+    for seed in (8120,) if move == 1 else (8121,):
         spec = hidden.draw_effects_case(seed, (), 0.0)
         profile = hidden.there_and_back(SPEEDS, HOLDS, PITCHES)
         fault = hidden.Fault(label, profile.moves[move].start_s + 0.2, kind, channel, size)

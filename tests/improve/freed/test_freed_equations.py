@@ -28,7 +28,7 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
     [
         pytest.param("shaft_ripple", {"torque"}, marks=pytest.mark.slow),
         pytest.param("winding_heating", {"electrical"}, marks=pytest.mark.slow),
-        ("current_offset", {"sensor:current"}),
+        pytest.param("current_offset", {"sensor:current"}, marks=pytest.mark.slow),
         ("current_lag", {"servo"}),
     ],
 )

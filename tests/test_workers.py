@@ -1,0 +1,35 @@
+"""How tests are shared out to workers."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+FILE = """
+import os, time, pytest
+
+@pytest.fixture{scope}
+def made():
+    return os.getpid()
+
+@pytest.mark.parametrize("k", range(6))
+def test_one(made, k):
+    time.sleep(0.1)
+    print(made, file=open("{told}", "a"))
+"""
+
+
+def test_a_fixture_of_a_module_is_made_by_one_worker_and_all_workers_have_work(tmp_path: Path) -> None:
+    """It was made by each of them: twice the time of every costly one."""
+    shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)
+    for name, scope in (("shared", '(scope="module")'), ("alone", "")):
+        (tmp_path / f"test_{name}.py").write_text(FILE.format(scope=scope, told=tmp_path / name))
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider", str(tmp_path)],
+        cwd=tmp_path, env={**os.environ, "PYTEST_ADDOPTS": ""}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    makers = {name: (tmp_path / name).read_text().split() for name in ("shared", "alone")}
+    assert len(makers["shared"]) == len(makers["alone"]) == 6
+    assert len(set(makers["shared"])) == 1 < len({*makers["alone"], *makers["shared"]})
