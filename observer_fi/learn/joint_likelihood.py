@@ -48,6 +48,7 @@ _STILL = 30.0  # rad/s: below this a stop is left out
 _TIMING = 5e-6
 _NEAR = 5e-5  # m: four standard deviations of a position sample, and of a rough stop
 _PIECES = 4  # of a sampling interval in a transient, of two integration steps each
+_CRAWLS = 0.01  # of the peak command: slower, and a position loop may still be at its last goal
 _GAP = 1.5  # sampling intervals: a move with a longer one is left out
 Z95 = 1.959964
 _QUADRATIC = 0.3  # share by which a profile may differ from the parabola before it is followed
@@ -100,7 +101,7 @@ def part_of(
 
     share: of its moves that is taken (`spread_moves`). motion: the same log as its motion is told from, without its filters.
     """
-    moves = [m for m in moves_from_rest(log) if not _has_gap(log, m)]
+    moves = [_from_still(log, m) for m in moves_from_rest(log) if not _has_gap(log, m)]
     try:
         experiment = prepare([log], rig, [moves], share)
     except ValueError:
@@ -111,8 +112,19 @@ def part_of(
     if breaks.stop_high is None and breaks.stop_low is None:
         silent |= {"C", "E"}
     experiment = replace(experiment, fine=experiment.fine | _near_stop(experiment, breaks))
-    experiment = _refined(_trimmed(_with_timing(experiment), ends))
+    experiment = _with_timing(experiment)
+    if rig.driven.command is not None:
+        experiment = _without_rests(experiment)
+    experiment = _refined(_trimmed(experiment, ends))
     return Part(experiment, number, breaks.loss is not None, frozenset(silent))
+
+
+def _from_still(log: Log, move: Segment) -> Segment:
+    """The move from the last sample on at which its command stands: what is too slow to count as motion drives a servo."""
+    speed, start = np.abs(log.w_cmd), move.start
+    while start > move.rest and 0.0 <= speed[start - 1] < speed[start]:
+        start -= 1
+    return move._replace(start=start)
 
 
 def _has_gap(log: Log, move: Segment) -> bool:
@@ -131,6 +143,22 @@ def _still_from(log: Log, w: Array, move: Segment, model: Model) -> int:
     speed = np.sign(move.peak) * w[max(brake, move.start) : move.end]
     slow = np.flatnonzero(speed < min(_STILL, 0.2 * abs(move.peak)))
     return max(brake, move.start) + int(slow[0]) if slow.size else move.end
+
+
+def _without_rests(experiment: Experiment) -> Experiment:
+    """The experiment of a position servo, whose loop goes on in a rest: it integrates what is left to the goal, and crawls.
+
+    A mean of it is not what a move begins with then, and the voltage tells of a speed that no simulation from rest has until the
+    command is faster than a crawl.
+    """
+    weight = experiment.weight.copy()
+    for m in range(experiment.moves):
+        rows, own = experiment.rows(m), weight[experiment.rows(m)]
+        own[: experiment.moving[m]] = 0.0
+        fast = np.abs(experiment.w_cmd(m)) > _CRAWLS * abs(experiment.peak[m])
+        own[: max(int(np.argmax(fast)), int(experiment.moving[m]) + 1), 0] = 0.0
+        weight[rows] = own
+    return replace(experiment, weight=weight)
 
 
 def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:

@@ -311,6 +311,13 @@ def test_residuals_by_phase_are_white_for_the_right_model(campaign, fitted):
     assert found["steady"] == pytest.approx(np.ones(3), abs=0.05)
 
 
+def test_a_move_is_simulated_from_where_its_command_stands(rig) -> None:
+    """On a soft ramp the first samples are too slow to count as motion, and drive the servo all the same."""
+    log = log_of(hidden.single_move(hold_s=1.5), replace(rig, accel=400.0), 3)
+    part = part_of(log, PAPER, 0, NOTHING)
+    assert part is not None and part.experiment.w_cmd(0)[0] == 0.0 < part.experiment.w_cmd(0)[-1]
+
+
 def test_a_rig_behind_a_position_loop_is_identified(rig) -> None:
     """The loop's speed command is made of position command and encoder; nothing of the log says it."""
     log = loop_log(hidden.campaign(), rig)
