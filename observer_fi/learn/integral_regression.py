@@ -31,6 +31,7 @@ MAKER = {
     "D": 1e-3,
 }  # relative 1-sigma of what the maker states, where the rig file gives no spread
 PITCH_SPAN = 2.0  # deg
+WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
@@ -88,7 +89,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
+    left_open = _of_winding(names, values) if with_voltage else _left_open(names, values, rig)
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
@@ -216,6 +217,11 @@ def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
     """Standard deviations that the maker's Km and D leave of values from current and position."""
     moved = _of_maker(rig, "D") * np.isin(names, _OF_MOTION)
     return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
+
+
+def _of_winding(names: Sequence[str], values: Array) -> Array:
+    """Standard deviations that integrals between samples leave of the resistance; of nothing else, which all rests on Km."""
+    return np.where(np.isin(names, "Rm"), WINDING * np.abs(values), 0.0)
 
 
 def _of_maker(rig: Rig, name: str) -> float:

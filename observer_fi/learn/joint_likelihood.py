@@ -37,7 +37,8 @@ from observer_fi.learn.gauss_newton import (
 from observer_fi.learn.logger.filtered_readings import NAMES, Through
 from observer_fi.learn.move_data import Experiment, commands, prepare, run, simulate_each
 from observer_fi.learn.output_error import inflation
-from observer_fi.logs import moves_from_rest
+from observer_fi.learn.servo.command_timing import doubtful
+from observer_fi.logs import is_recovered, moves_from_rest
 from observer_fi.physics import Model, Rig, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Log, Segment
@@ -106,6 +107,9 @@ def part_of(
         experiment = prepare([log], rig, [moves], share)
     except ValueError:
         return None
+    cornered = doubtful(experiment, [is_recovered(log)]) if rig.driven.command is None else []
+    if cornered:  # a ramp that begins in one interval and ends in the next is no softer one
+        experiment = replace(experiment, knots=(cornered[0].knots,))
     w = speed_of(motion or log, rig.model)
     ends = [_still_from(log, w, _move_at(moves, experiment, m), rig.model) for m in range(experiment.moves)]
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
