@@ -24,7 +24,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import identified_rig, identify, with_equation_errors
 from observer_fi.logs import log_from_frame, with_command, with_logger
 from observer_fi.physics import Rig, load_rig
-from observer_fi.records import Log
+from observer_fi.records import Log, Parameter
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from pipelines.diagnose_study import markdown
@@ -79,20 +79,27 @@ def _campaign(actuator: hidden.Actuator, rig: Rig) -> Log:
 
 
 def constants(job: Job) -> list[dict[str, Any]]:
-    """A row a constant that `identify` finds of one actuator: its truth, whether the interval holds it, the error."""
+    """A row a constant that `identify` finds of one actuator: its truth, whether the interval holds it, the error; one where it
+    fails.
+    """
     actuator = hidden.draw_actuator(job.seed, job.drive)
     rig = _from_sheet(actuator)
+    about = {"drive": job.drive, "seed": job.seed, "rate_hz": actuator.logger.rate_hz}
     truth = {**vars(actuator.rig), **NOT_THERE}
-    return [
-        {
-            "drive": job.drive, "seed": job.seed, "rate_hz": actuator.logger.rate_hz, "constant": p.name, "truth": truth[p.name],
-            "value": p.value, "std": p.std, "low": p.low, "high": p.high, "held": p.low <= truth[p.name] <= p.high,
-            "error": (p.value - truth[p.name]) / max((p.high - p.low) / (2.0 * Z95), 1e-300),
-            "half_percent": 50.0 * (p.high - p.low) / abs(truth[p.name]) if truth[p.name] else float("nan"),
-        }
-        for p in identify([_campaign(actuator, rig)], rig).parameters
-        if p.name in truth
-    ]  # fmt: skip
+    try:
+        found = identify([_campaign(actuator, rig)], rig).parameters
+    except (InvalidLogError, UsageError) as error:
+        return [{**about, "constant": "none found", "held": False, "why": str(error)}]
+    return [{**about, **_beside(p, truth[p.name])} for p in found if p.name in truth]
+
+
+def _beside(p: Parameter, truth: float) -> dict[str, Any]:
+    """A constant beside its truth: the error in standard deviations, and half of the interval in percent."""
+    half = max(0.5 * (p.high - p.low), 1e-300)
+    return {
+        "constant": p.name, "truth": truth, "value": p.value, "low": p.low, "high": p.high, "held": p.low <= truth <= p.high,
+        "error": Z95 * (p.value - truth) / half, "half_percent": 100.0 * half / abs(truth) if truth else float("nan"),
+    }  # fmt: skip
 
 
 def intervals(frame: pd.DataFrame) -> str:

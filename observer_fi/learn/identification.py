@@ -72,6 +72,7 @@ DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
 FROM_COMMAND = {"accel_cmd": 1e-2, "Kx": 2e-5}
 # Times the supply that is fitted, and nats by which no limit must be worse than it.
 NO_LIMIT, LIMITS_NATS = 2.0, 30.0
+SUPPLIES_DIFFER = 0.015  # of the highest, from which on logs have supplies of their own
 GAINS = ("Kp", "Ki")
 # Relative standard error that a position servo's loop keeps: on 40 drawn ones it was off by 1e-4 to 4e-4 where noise left 1e-5.
 BETWEEN_TICKS, LOOP = 2e-4, ("J", "Kp", "Ki")
@@ -236,8 +237,10 @@ def _told(
     fitted = fit(identified, values)
     if "Vmax" in identified and not _limits(parts, rig.model, fitted):
         identified = identified - {"Rs", "Vmax"}
-        filed = {"Rs": rig.model["Rs"], "Vmax": max(rig.model["Vmax"], fitted.values["Vmax"])}
-        fitted = fit(identified, {**fitted.values, **filed})
+        supplies = {
+            n: max(rig.model["Vmax"], v) for n, v in fitted.values.items() if n.split("@")[0] == "Vmax"
+        }
+        fitted = fit(identified, {**fitted.values, "Rs": rig.model["Rs"], **supplies})
     weak = _weak(fitted, identified)
     if weak:
         fitted = fit(identified - weak, fitted.values)
@@ -250,11 +253,15 @@ def _told(
 
 
 def identified_rig(fit: Fit, rig: Rig) -> Rig:
-    """`rig` with the values of a fit. Contact points of several logs become their mean; onsets are left out."""
+    """`rig` with the values of a fit. Contact points of several logs become their mean, and so do supplies, with the scatter of
+    these from day to day; onsets are left out.
+    """
     values, std = {}, {}
     for name in {p.name.split("@")[0] for p in fit.parameters} - {"onset"}:
         same = [p for p in fit.parameters if p.name.split("@")[0] == name]
-        weight = np.array([1.0 / max(p.std, 1e-300) ** 2 for p in same])
+        by_day = name == "Vmax" and len(same) > 1
+        scatter = float(np.std([p.value for p in same], ddof=1)) if by_day else 0.0
+        weight = np.array([1.0 / max(math.hypot(p.std, scatter), 1e-300) ** 2 for p in same])
         values[name] = float(np.average([p.value for p in same], weights=weight))
         std[name] = float(1.0 / math.sqrt(weight.sum()))
     for name in ("torque_offset",):
@@ -382,6 +389,7 @@ def _start_values(material: Sequence[Material], found: Mapping[str, float], rig:
     values = {n: found.get(n, rig.model[n]) for n in names}
     if "Vmax" not in found:
         values["Vmax"] = max(values["Vmax"], 1.01 * max(_highest(m.log, values["Rs"]) for m in material))
+    values |= _supplies(material, rig.model)
     values["servo_delay"] = max(rig.model["servo_delay"], 3e-5)
     values["input_delay"] = rig.model["input_delay"]
     values["torque_offset"] = rig.model["torque_offset"]
@@ -393,6 +401,15 @@ def _start_values(material: Sequence[Material], found: Mapping[str, float], rig:
             name = f"x_stop_{side}" if len(material) == 1 else f"x_stop_{side}@{k}"
             values[name] = stop
     return values
+
+
+def _supplies(material: Sequence[Material], model: Model) -> dict[str, float]:
+    """The supply of each log by name [V] where it was not the same on all days: one for all would bend every other constant."""
+    highest = {k: _highest(m.log, model["Rs"]) for k, m in enumerate(material)}
+    full = [highest[k] for k, m in enumerate(material) if cf.saturated_starts(m.log, m.moves, model)]
+    if len(full) < 2 or np.ptp(full) < SUPPLIES_DIFFER * max(full):
+        return {}
+    return {f"Vmax@{k}": own for k, own in highest.items()}
 
 
 def _beginning(
@@ -460,12 +477,18 @@ def _free(
 ) -> list[Free]:
     """Free parameters with steps, bounds and priors; what the logs cannot tell keeps the rig's spread."""
     free = []
+    own = [n for n in values if n.startswith("Vmax@")] if "Vmax" in identified else []
     for name in ("J", "A", "B", "Kp", "Ki", "Rs", "Vmax", "C", "E", "A_decoupled", "J_decoupled"):
+        if name == "Vmax" and own:
+            continue
         reference = rig.model[name]
         step = 1e-3 * abs(reference) * {"Vmax": 0.1, "Rs": 10.0}.get(name, 1.0)
         bounds = (0.05 * reference, 20.0 * reference if name != "E" else 0.99)
         prior = math.inf if name in identified else reference * (rig.spread(name) or DEFAULT_SPREAD)
         free.append(Free(name, step, *bounds, reference, prior))
+    Vmax = rig.model["Vmax"]
+    of_a_day = Vmax * (rig.spread("Vmax") or DEFAULT_SPREAD)  # for a log that no start of tells it
+    free += [Free(n, 1e-4 * Vmax, 0.05 * Vmax, 20.0 * Vmax, Vmax, of_a_day) for n in own]
     for name, relative in MAKER.items():
         reference = rig.model[name]
         std = reference * (rig.spread(name) or relative)
@@ -496,7 +519,7 @@ def _limits(parts: Sequence[Part], plant: Model, fitted: JointFit) -> bool:
 
     A start that comes near a supply, and no nearer, looks like one that it holds there, and the fit puts the limit upon its peak.
     """
-    free = {**fitted.values, "Vmax": NO_LIMIT * fitted.values["Vmax"]}
+    free = {n: NO_LIMIT * v if n.split("@")[0] == "Vmax" else v for n, v in fitted.values.items()}
     more = 0.0
     for part, nuisance, r in zip(parts, fitted.nuisance, fitted.residuals, strict=True):
         without = residuals_of(part, plant, free, nuisance)

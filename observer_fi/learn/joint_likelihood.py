@@ -248,7 +248,7 @@ def model_of(plant: Model, values: Mapping[str, float], number: int) -> Model:
         if n.endswith(f"@{number}") and n.split("@")[0] != "onset"
     }
     shared = {n: v for n, v in values.items() if "@" not in n and n not in NAMES}
-    return override(plant, plant.name, **shared, **own)
+    return override(plant, plant.name, **(shared | own))
 
 
 def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Array) -> Array:
