@@ -91,7 +91,9 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    left_open = _of_winding(names, values) if with_voltage else _left_open(names, values, rig)
+    left_open = (
+        _between_samples(windows, names, values, rig) if with_voltage else _left_open(names, values, rig)
+    )
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
@@ -220,9 +222,14 @@ def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
     return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
 
 
-def _of_winding(names: Sequence[str], values: Array) -> Array:
-    """Standard deviations that integrals between samples leave of the resistance; of nothing else, which all rests on Km."""
-    return np.where(np.isin(names, "Rm"), WINDING * np.abs(values), 0.0)
+def _between_samples(windows: Sequence[Window], names: Sequence[str], values: Array, rig: Rig) -> Array:
+    """Standard deviations that integrals between samples leave: half of what every second sample alone changes (Richardson's
+    extrapolation says a third or less), and of the resistance `WINDING` besides.
+    """
+    half = [Window(w.t[::2], w.z[::2], w.pitch[::2], w.w[::2], w.sign) for w in windows]
+    coarse = _from_voltage(half, rig)[1]
+    known = np.where(np.isin(names, "Rm"), WINDING * np.abs(values), 0.0)
+    return np.hypot(known, 0.5 * np.abs(coarse - values)) if coarse.shape == values.shape else known
 
 
 def _of_maker(rig: Rig, name: str) -> float:
