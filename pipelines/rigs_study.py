@@ -1,6 +1,7 @@
 """Actuators unlike the paper's, from data sheet to verdict: writes reports/rigs.md.
 
     python -m pipelines.rigs_study [--rigs 8] [--drives voltage current] [--first 99000] [--out reports/rigs.md]
+    python -m pipelines.rigs_study --intervals [--rigs 8] ...     # what `identify` found beside the truth, instead of moves
 
 Each actuator has a data sheet (`rig new`), a healthy campaign (`identify`) and six moves, one a class (`diagnose`). Seeds from
 99000 on: none of them was looked at while anything was chosen.
@@ -23,7 +24,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.learn import identified_rig, identify, with_equation_errors
 from observer_fi.logs import log_from_frame, with_command, with_logger
 from observer_fi.physics import Rig, load_rig
-from observer_fi.records import Log
+from observer_fi.records import Log, Parameter
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from pipelines.diagnose_study import markdown
@@ -31,6 +32,8 @@ from pipelines.study_output import write_study
 
 FIRST_SEED = 99_000
 CONFIDENT = 0.95
+Z95 = 1.959964
+NOT_THERE = {"torque_offset": 0.0, "viscous_positive": 0.0}
 
 
 class Job(NamedTuple):
@@ -65,9 +68,62 @@ def _from_sheet(actuator: hidden.Actuator) -> Rig:
 
 def _learned(actuator: hidden.Actuator) -> Rig:
     rig = _from_sheet(actuator)
-    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), actuator.seed)
-    log = _read(frame, rig)
+    log = _campaign(actuator, rig)
     return with_equation_errors(with_logger(identified_rig(identify([log], rig), rig), [log]), [log])
+
+
+def _campaign(actuator: hidden.Actuator, rig: Rig) -> Log:
+    """The healthy campaign that is learned from."""
+    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), actuator.seed)
+    return _read(frame, rig)
+
+
+def constants(job: Job) -> list[dict[str, Any]]:
+    """A row a constant that `identify` finds of one actuator: its truth, whether the interval holds it, the error; one where it
+    fails.
+    """
+    actuator = hidden.draw_actuator(job.seed, job.drive)
+    rig = _from_sheet(actuator)
+    about = {"drive": job.drive, "seed": job.seed, "rate_hz": actuator.logger.rate_hz}
+    truth = {**vars(actuator.rig), **NOT_THERE}
+    try:
+        found = identify([_campaign(actuator, rig)], rig).parameters
+    except (InvalidLogError, UsageError) as error:
+        return [{**about, "constant": "none found", "held": False, "why": str(error)}]
+    return [{**about, **_beside(p, truth[p.name])} for p in found if p.name in truth]
+
+
+def _beside(p: Parameter, truth: float) -> dict[str, Any]:
+    """A constant beside its truth: the error in standard deviations, and half of the interval in percent."""
+    half = max(0.5 * (p.high - p.low), 1e-300)
+    return {
+        "constant": p.name, "truth": truth, "value": p.value, "low": p.low, "high": p.high, "held": p.low <= truth <= p.high,
+        "error": Z95 * (p.value - truth) / half, "half_percent": 100.0 * half / abs(truth) if truth else float("nan"),
+    }  # fmt: skip
+
+
+def intervals(frame: pd.DataFrame) -> str:
+    """A row a drive and constant: how often the 95 % interval holds the truth, errors in standard deviations, and widths."""
+    rows = [
+        {
+            "drive": drive, "constant": name, "found": len(g), "interval holds the truth": int(g["held"].sum()),
+            "median error [std]": f"{g['error'].median():.2f}", "largest [std]": f"{g['error'].abs().max():.1f}",
+            "median half width [%]": f"{g['half_percent'].median():.2g}",
+        }
+        for (drive, name), g in frame.groupby(["drive", "constant"], sort=False)
+    ]  # fmt: skip
+    held = frame.groupby("drive", sort=False)["held"]
+    total = ", ".join(f"{drive} {int(one.sum())} of {len(one)}" for drive, one in held)
+    return "\n".join(
+        [
+            "## Intervals of `identify`",
+            "",
+            f"Hold the truth: {total}.",
+            "",
+            markdown(pd.DataFrame(rows).set_index("drive")),
+            "",
+        ]
+    )
 
 
 def _read(frame: pd.DataFrame, rig: Rig) -> Log:
@@ -154,11 +210,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--sheets", action="store_true", help="healthy moves with the unlearned rig file, too"
     )
+    parser.add_argument("--intervals", action="store_true", help="constants that `identify` finds, not moves")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--rows", type=Path, help="where to write a row a move, as CSV")
     parser.add_argument("--out", type=Path, default=Path("reports/rigs.md"))
     options = parser.parse_args(arguments)
     jobs = [Job(drive, options.first + k) for drive in options.drives for k in range(options.rigs)]
+    if options.intervals:
+        found = pd.DataFrame([row for job in jobs for row in constants(job)])
+        return write_study(found, intervals(found), options.rows, options.out)
     jobs += [job._replace(learned=False) for job in jobs] if options.sheets else []
     frame = study(jobs, options.workers)
     return write_study(frame, summary(frame, options.first), options.rows, options.out)

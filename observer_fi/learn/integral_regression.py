@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts load when they are used
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.contacts_and_losses import motor_angle
@@ -31,9 +32,11 @@ MAKER = {
     "D": 1e-3,
 }  # relative 1-sigma of what the maker states, where the rig file gives no spread
 PITCH_SPAN = 2.0  # deg
+WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
+FEWEST_SMOOTH = 4  # samples of a curve
 _MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -88,7 +91,9 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
+    left_open = (
+        _between_samples(windows, names, values, rig) if with_voltage else _left_open(names, values, rig)
+    )
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
@@ -148,7 +153,7 @@ def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...],
     names = _unknowns(windows)
     rows, y = [], []
     for w in windows:
-        G = np.column_stack([w.z[:, 1], motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        G = np.column_stack([w.z[:, 1], _integral(w.t, w.z[:, 1]), *_loads(w, names[1:])])
         rows.append(_without(G, np.ones((w.t.size, 1))))
         y.append(_without(w.z[:, :1], np.ones((w.t.size, 1)))[:, 0])
     s = solve(rows, y, len(windows))
@@ -178,8 +183,7 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[fl
     """Km and its standard error from int (V - Rm i) dt = Km/D (x - x0), mixed with the maker's Km and D."""
     model = rig.model
     rows = [
-        _without(motor_angle(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1)))
-        for w in windows
+        _without(_integral(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1))) for w in windows
     ]
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
@@ -200,8 +204,8 @@ def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...]
     names = _unknowns(windows)
     rows, y = [], []
     for w in windows:
-        once = np.column_stack([model["Km"] * motor_angle(w.t, w.z[:, 1]), *_loads(w, names[1:])])
-        G = np.column_stack([motor_angle(w.t, g) for g in once.T])
+        once = np.column_stack([model["Km"] * _integral(w.t, w.z[:, 1]), *_loads(w, names[1:])])
+        G = np.column_stack([_integral(w.t, g) for g in once.T])
         free = np.column_stack([np.ones(w.t.size), w.t])
         rows.append(_without(G, free))
         y.append(_without(w.z[:, 2:] / model["D"], free)[:, 0])
@@ -218,6 +222,16 @@ def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
     return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
 
 
+def _between_samples(windows: Sequence[Window], names: Sequence[str], values: Array, rig: Rig) -> Array:
+    """Standard deviations that integrals between samples leave: half of what every second sample alone changes (Richardson's
+    extrapolation says a third or less), and of the resistance `WINDING` besides.
+    """
+    half = [Window(w.t[::2], w.z[::2], w.pitch[::2], w.w[::2], w.sign) for w in windows]
+    coarse = _from_voltage(half, rig)[1]
+    known = np.where(np.isin(names, "Rm"), WINDING * np.abs(values), 0.0)
+    return np.hypot(known, 0.5 * np.abs(coarse - values)) if coarse.shape == values.shape else known
+
+
 def _of_maker(rig: Rig, name: str) -> float:
     """Relative standard deviation of a value of the maker's."""
     return rig.spread(name) or MAKER[name]
@@ -227,8 +241,8 @@ def _loads(w: Window, names: Sequence[str]) -> list[Array]:
     """Integrals of what the loads multiply, with their sign in equation 1."""
     columns = {
         "A": -w.sign * w.t,
-        "B": -motor_angle(w.t, w.pitch),
-        "viscous_positive": -motor_angle(w.t, w.w),
+        "B": -_integral(w.t, w.pitch),
+        "viscous_positive": -_integral(w.t, w.w),
         "torque_offset": -w.t,
     }
     return [columns[n] for n in names]
@@ -246,6 +260,15 @@ def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
     if len({w.sign for w in windows}) == 2:
         names.append("torque_offset")
     return tuple(names)
+
+
+def _integral(t: Array, y: Array) -> Array:
+    """(n,) integral of y (n,) from the first sample on, through a smooth curve: a line between the samples of a slow log loses
+    percents of what a current rings.
+    """
+    if t.size < FEWEST_SMOOTH:
+        return motor_angle(t, y)
+    return np.asarray(scipy.interpolate.Akima1DInterpolator(t, y, method="makima").antiderivative()(t))
 
 
 def _without(G: Array, free: Array) -> Array:

@@ -37,7 +37,8 @@ from observer_fi.learn.gauss_newton import (
 from observer_fi.learn.logger.filtered_readings import NAMES, Through
 from observer_fi.learn.move_data import Experiment, commands, prepare, run, simulate_each
 from observer_fi.learn.output_error import inflation
-from observer_fi.logs import moves_from_rest
+from observer_fi.learn.servo.command_timing import doubtful
+from observer_fi.logs import is_recovered, moves_from_rest
 from observer_fi.physics import Model, Rig, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Log, Segment
@@ -48,6 +49,7 @@ _STILL = 30.0  # rad/s: below this a stop is left out
 _TIMING = 5e-6
 _NEAR = 5e-5  # m: four standard deviations of a position sample, and of a rough stop
 _PIECES = 4  # of a sampling interval in a transient, of two integration steps each
+_CRAWLS = 0.01  # of the peak command: slower, and a position loop may still be at its last goal
 _GAP = 1.5  # sampling intervals: a move with a longer one is left out
 Z95 = 1.959964
 _QUADRATIC = 0.3  # share by which a profile may differ from the parabola before it is followed
@@ -100,19 +102,33 @@ def part_of(
 
     share: of its moves that is taken (`spread_moves`). motion: the same log as its motion is told from, without its filters.
     """
-    moves = [m for m in moves_from_rest(log) if not _has_gap(log, m)]
+    moves = [_from_still(log, m) for m in moves_from_rest(log) if not _has_gap(log, m)]
     try:
         experiment = prepare([log], rig, [moves], share)
     except ValueError:
         return None
+    cornered = doubtful(experiment, [is_recovered(log)]) if rig.driven.command is None else []
+    if cornered:  # a ramp that begins in one interval and ends in the next is no softer one
+        experiment = replace(experiment, knots=(cornered[0].knots,))
     w = speed_of(motion or log, rig.model)
     ends = [_still_from(log, w, _move_at(moves, experiment, m), rig.model) for m in range(experiment.moves)]
     silent = set() if breaks.loss is not None else {"A_decoupled", "J_decoupled"}
     if breaks.stop_high is None and breaks.stop_low is None:
         silent |= {"C", "E"}
     experiment = replace(experiment, fine=experiment.fine | _near_stop(experiment, breaks))
-    experiment = _refined(_trimmed(_with_timing(experiment), ends))
+    experiment = _with_timing(experiment)
+    if rig.driven.command is not None:
+        experiment = _without_rests(experiment)
+    experiment = _refined(_trimmed(experiment, ends))
     return Part(experiment, number, breaks.loss is not None, frozenset(silent))
+
+
+def _from_still(log: Log, move: Segment) -> Segment:
+    """The move from the last sample on at which its command stands: what is too slow to count as motion drives a servo."""
+    speed, start = np.abs(log.w_cmd), move.start
+    while start > move.rest and 0.0 <= speed[start - 1] < speed[start]:
+        start -= 1
+    return move._replace(start=start)
 
 
 def _has_gap(log: Log, move: Segment) -> bool:
@@ -131,6 +147,22 @@ def _still_from(log: Log, w: Array, move: Segment, model: Model) -> int:
     speed = np.sign(move.peak) * w[max(brake, move.start) : move.end]
     slow = np.flatnonzero(speed < min(_STILL, 0.2 * abs(move.peak)))
     return max(brake, move.start) + int(slow[0]) if slow.size else move.end
+
+
+def _without_rests(experiment: Experiment) -> Experiment:
+    """The experiment of a position servo, whose loop goes on in a rest: it integrates what is left to the goal, and crawls.
+
+    A mean of it is not what a move begins with then, and the voltage tells of a speed that no simulation from rest has until the
+    command is faster than a crawl.
+    """
+    weight = experiment.weight.copy()
+    for m in range(experiment.moves):
+        rows, own = experiment.rows(m), weight[experiment.rows(m)]
+        own[: experiment.moving[m]] = 0.0
+        fast = np.abs(experiment.w_cmd(m)) > _CRAWLS * abs(experiment.peak[m])
+        own[: max(int(np.argmax(fast)), int(experiment.moving[m]) + 1), 0] = 0.0
+        weight[rows] = own
+    return replace(experiment, weight=weight)
 
 
 def _trimmed(experiment: Experiment, ends: Sequence[int]) -> Experiment:
@@ -216,7 +248,7 @@ def model_of(plant: Model, values: Mapping[str, float], number: int) -> Model:
         if n.endswith(f"@{number}") and n.split("@")[0] != "onset"
     }
     shared = {n: v for n, v in values.items() if "@" not in n and n not in NAMES}
-    return override(plant, plant.name, **shared, **own)
+    return override(plant, plant.name, **(shared | own))
 
 
 def predict(part: Part, plant: Model, values: Mapping[str, float], nuisance: Array) -> Array:

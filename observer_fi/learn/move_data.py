@@ -209,8 +209,10 @@ def _knots(log: Log, rig: Rig) -> tuple[Array, Array]:
     A line between the samples of the latter loses (ring * interval)^2 / 12 of what the loop rings, 2 % at 4 ms and 18 Hz.
     """
     pieces = math.ceil(SMOOTH_HZ / log.rate_hz)
-    if rig.driven.command is None or pieces < 2:
+    if rig.driven.command is None:
         return corners(log.t, log.w_cmd, rig.model["accel_cmd"])
+    if pieces < 2:
+        return log.t, log.w_cmd
     rows = np.arange(pieces * (log.t.size - 1) + 1) / pieces
     t = np.interp(rows, np.arange(log.t.size), log.t)
     return t, scipy.interpolate.Akima1DInterpolator(log.t, log.w_cmd, method="makima")(t)

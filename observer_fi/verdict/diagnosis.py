@@ -31,7 +31,7 @@ from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.detectable import could_show
-from observer_fi.verdict.drift import SURE, raised_friction, usual_rise
+from observer_fi.verdict.drift import SURE, or_else, raised_friction, usual_rise
 from observer_fi.verdict.drive_off import without_off
 from observer_fi.verdict.isolate import (
     EventTracker,
@@ -318,6 +318,7 @@ class Diagnosis:
 
     def _of_the_day(self, event: Event) -> Event:
         """The event, healthy where its friction was up by no more than from one day to the next, and that explains little."""
+        event = or_none(event)
         story = self.last_word.explained.get(event.start_s)
         much = story is not None and story.gain >= FAR * self.settings.decision.move_nats
         return event if much else of_the_day(event, self.rig)
@@ -434,6 +435,18 @@ def of_the_day(event: Event, rig: Rig) -> Event:
     from_the_start = event.onset_s is not None and event.onset_s - event.start_s < SETTLED_S
     usual = bool(rises) and 0.0 <= rises[0] < usual_rise(rig)
     return healthy(event) if usual and from_the_start else event
+
+
+def or_none(event: Event) -> Event:
+    """The event, or else health where a jam lasts whose friction is not told from what it was before.
+
+    What a ripple of every day brings is followed better by a friction that may be any, and comes back to where it was.
+    """
+    lasts = event.label == "jam" and event.over_s is None and not event.then and NOMINAL not in event.alike
+    rises = [s for s in event.severity if lasts and s.name == "friction_rise"]
+    if not any(s.interval[0] <= 0.0 <= s.interval[1] for s in rises):
+        return event
+    return or_else(healthy(event), "jam", "friction may have risen, by no more than leaves it as it was")
 
 
 def _agree(whole: float | None, bank: float | None) -> bool:

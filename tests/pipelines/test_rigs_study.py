@@ -4,6 +4,7 @@ from pathlib import Path
 
 import hidden
 import numpy as np
+import pandas as pd
 import pytest
 
 from pipelines import rigs_study
@@ -42,3 +43,14 @@ def test_one_actuator_from_data_sheet_to_report(tmp_path: Path) -> None:
     assert rigs_study.main(options) == 0
     text = out.read_text(encoding="utf-8")
     assert "Right: 6 of 6 moves. Confident (above 0.95) and wrong: 0." in text
+
+
+def test_intervals_are_counted_beside_the_truth(tmp_path: Path) -> None:
+    out, rows = tmp_path / "intervals.md", tmp_path / "rows.csv"
+    options = ["--intervals", "--rigs", "1", "--first", "104", "--drives", "current"]
+    assert rigs_study.main([*options, "--out", str(out), "--rows", str(rows)]) == 0
+    found = pd.read_csv(rows)
+    inside = found["truth"].between(found["low"], found["high"])
+    assert {"J", "A"} <= set(found["constant"]) and (found["held"] == inside).all()
+    assert (found["held"] == (found["error"].abs() < 1.96)).all()
+    assert f"current {inside.sum()} of {len(found)}." in out.read_text(encoding="utf-8")

@@ -8,9 +8,10 @@ from hidden import SURROUNDINGS, draw_move_case, draw_rig, log_in, make_log_with
 
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
-from observer_fi.records import Event, Log
+from observer_fi.records import Event, Log, Severity
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.diagnosis import or_none
 from observer_fi.verdict.logger.as_logged import AsLogged
 
 RIG = load_rig()
@@ -62,6 +63,23 @@ def test_a_usual_day_is_that_of_the_rig_file() -> None:
 
 def test_a_torque_that_swells_is_health() -> None:
     assert said(COMES_AND_GOES[0], "nominal", 64105).label == "nominal"
+
+
+@pytest.mark.parametrize(
+    ("low", "over_s", "label", "alike"),
+    [(-0.03, None, "nominal", ("jam",)), (0.01, None, "jam", ()), (-0.03, 1.2, "jam", ())],
+)
+def test_a_friction_that_is_not_told_from_what_it_was_is_no_jam_for_sure(
+    low: float, over_s: float | None, label: str, alike: tuple[str, ...]
+) -> None:
+    """A ripple of 3 % on a rig that was learned with it: "jam" at 1.0, of a friction up by -3 to 6 %."""
+    rise = Severity("friction_rise", 0.014, (low, 0.06), "1", "friction is up by 1.4 %")
+    posterior = {"nominal": 0.0, "jam": 1.0}
+    times = (0.57, (0.56, 0.58), 1.2, None, 0.3, 4.2)
+    event = Event("jam", None, 1.0, *times, posterior, severity=(rise,), over_s=over_s)
+    told = or_none(event)
+    assert (told.label, told.alike) == (label, alike)
+    assert told.probability == (1.0 if label == "jam" else 0.5)
 
 
 @pytest.mark.slow
