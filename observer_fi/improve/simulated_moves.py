@@ -12,6 +12,7 @@ import numpy as np
 
 from observer_fi.improve.freed.freed_equations import WANTED_NATS, FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance, free_equations
+from observer_fi.improve.gross_starts import gross_fits
 from observer_fi.improve.keep_curve import Kept, fit_kept_curve
 from observer_fi.improve.lines import order_lines
 from observer_fi.improve.misfit import (
@@ -28,9 +29,6 @@ from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.screening import (
     Projector,
     coverage_of,
-    fit_from,
-    gross_limits,
-    gross_starts,
     penalty,
     refit,
     screen,
@@ -92,7 +90,6 @@ _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told wit
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
 _TOO_FAR = 5.0  # standard deviations of their priors
 _GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
-_GROSS_STARTS = 4
 _GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
@@ -250,9 +247,9 @@ class SimulatedMoves:
         return sorted(found, key=lambda trial: -trial.nets[0])
 
     def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
-        """Whether the best of some trials leaves a good part of the refit's misfit."""
+        """Whether the best of some trials leaves a good part of the refit's misfit, or one that is still gross."""
         left = min((excess(self.experiment, trial.fitted.residuals) for trial in trials), default=self._most)
-        return left > _GROSS_LEFT * self._most
+        return left > min(_GROSS_LEFT * self._most, _GROSS_NATS * self.sample_count)
 
     def _gross_trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         """Where the refit fails by far: effects that are too large for a score beside it, from the rig as it was given."""
@@ -263,15 +260,14 @@ class SimulatedMoves:
         scored = {(c.cause.name, c.variant.name): c for c in candidates}
         names = causes_of(self.model)
         free = base_parameters(self.rig, self.model, experiment.older_s)
-        starts = gross_starts(experiment, self.model, names, cover, _GROSS_STARTS)
-        for cause, variant, values in (*starts, *gross_limits(experiment, self.model, free, names, cover)):
-            result = fit_from(experiment, self.model, free, variant, values)
+        for start, result in gross_fits(experiment, self.model, free, names, cover):
             gain = fitted.objective - result.objective
-            price = penalty(experiment, len(variant.terms), max(len(candidates), 1))
+            price = penalty(experiment, len(start.variant.terms), max(len(candidates), 1))
             known = scored.get(
-                (cause.name, variant.name), Candidate(cause, variant, gain, gain - price, {}, {})
+                (start.cause.name, start.variant.name),
+                Candidate(start.cause, start.variant, gain, gain - price, {}, {}),
             )
-            trials.append(Trial((replace(known, variant=variant),), result, gain, (gain - price,)))
+            trials.append(Trial((replace(known, variant=start.variant),), result, gain, (gain - price,)))
         return trials
 
     def _refitted(self, fitted: FitResult, rivals: Sequence[Candidate]) -> list[tuple[Candidate, FitResult]]:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.fit_readings import readings_to_fit, since_change
-from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
+from observer_fi.learn.reversal_doubt import Doubt, doubt_of, no_doubt, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest, with_command
 from observer_fi.numerics import filled
-from observer_fi.physics import Model, Rest, Rig, corners, quarters
+from observer_fi.physics import Model, Rest, Rig, corners, quarters, speed
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Filter, Log, Segment
@@ -35,6 +35,8 @@ _COARSE_S = 1.5e-3  # between samples: more is not integrated in one step where 
 SMOOTH_HZ = 2000.0  # knots a second of a command that is smooth between its samples
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
+# Of the fastest speed and the largest current of a move: a "rest" that swings more is none, the loop rings or never stops.
+_SWINGS = 0.03
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
@@ -233,6 +235,19 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     )
 
 
+def openings(experiment: Experiment, seconds: float) -> Experiment:
+    """The experiment with the rest and the first seconds of every move only; what reversals leave open is left out."""
+    begins = experiment.t[experiment.bounds[:-1] + experiment.moving]
+    kept = experiment.t < begins[experiment.owner] + seconds
+    sizes = np.bincount(experiment.owner[kept], minlength=experiment.moves)
+    return replace(
+        experiment,
+        **{name: getattr(experiment, name)[kept] for name in ("t", "theta", "z", "weight", "fine", "phase")},
+        bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
+        doubts=tuple(no_doubt(size) for size in sizes.tolist()),
+    )
+
+
 def whitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
     for m, doubt in enumerate(experiment.doubts):
@@ -269,6 +284,8 @@ def _part(
     still = log.z[rest : segment.start]
     if segment.start - rest < 4 or np.isnan(still[:, 1:]).all(axis=0).any():
         return None
+    if _swings(log.z[rest:end], segment.start - rest, model):
+        return None
     t, z = taken.t[rest:end], taken.z[rest:end]
     missing = np.isnan(z)
     gapless = np.nan_to_num(np.stack([filled(channel) for channel in log.z[rest:end].T], axis=1))
@@ -293,6 +310,16 @@ def _part(
         "rest": np.nanmean(still[:, 1:], axis=0),
         "doubt": doubt_of(t, gapless, weight, brake, model),
     }
+
+
+def _swings(z: Array, rows: int, model: Model) -> bool:
+    """Whether motor and current swing in the first rows of the readings z (n, 3) of a move, which should be its rest."""
+    both = np.column_stack([speed(z, model.vector), z[:, 1]])
+    still = both[:rows][np.isfinite(both[:rows]).all(axis=1)]
+    if not still.size:
+        return False
+    low, high = np.quantile(still, (0.25, 0.75), axis=0)  # without spikes
+    return bool((high - low > _SWINGS * np.nanmax(np.abs(both), axis=0)).all())
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
