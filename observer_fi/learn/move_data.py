@@ -397,8 +397,11 @@ def run(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         t = experiment.t[rows]
+        ahead = 0.0
         if m:
             _carry_play(experiment, m, p, starts, states[rows.start - 1])
+            ahead = _ahead(experiment, m, p, states[rows.start - 1, s.MASS], y[rows.start - 1, 2])
+            _moved(starts[m], ahead, p)
         s.run(
             t,
             now[rows],
@@ -411,6 +414,7 @@ def run(
             experiment.steps,
         )
         s.readings(t, states[rows], p, y[rows])
+        _show_late(t, y[rows], ahead, p)
     return states, y
 
 
@@ -421,6 +425,30 @@ def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: A
         x = starts[m, s.MASS] + last[s.X] - last[s.MASS]
         starts[m, s.X] = np.where(play, x, starts[m, s.X])
         starts[m, s.PHI] = np.where(play, x / p[a.D], starts[m, s.PHI])
+
+
+def _ahead(experiment: Experiment, m: int, p: Array, mass: float, shown: float) -> float:
+    """How far the mass is ahead of what a sensor that lags shows as move m starts [m].
+
+    mass, shown: where it was, and the reading, at the end of the move before.
+    """
+    lag = float(p[a.POSITION_LAG])
+    if lag == 0.0 or experiment.log[m] != experiment.log[m - 1]:
+        return 0.0
+    since = experiment.t[experiment.bounds[m]] - experiment.t[experiment.bounds[m] - 1]
+    return (mass - shown / float(p[a.POSITION_GAIN])) * math.exp(-since / lag)
+
+
+def _moved(start: Array, ahead: Any, p: Array) -> None:
+    """Into one start: the mass is so far ahead of its reading [m]."""
+    start[[s.X, s.MASS]] += ahead
+    start[s.PHI] += ahead / p[a.D]
+
+
+def _show_late(t: Array, y: Array, ahead: float, p: Array) -> None:
+    """Into readings (n, 3) that begin where the mass is: the sensor begins so far behind it [m]."""
+    if ahead != 0.0:
+        y[:, 2] -= p[a.POSITION_GAIN] * ahead * np.exp((t[0] - t) / p[a.POSITION_LAG])
 
 
 def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array]) -> Array:
@@ -457,8 +485,13 @@ def _side_by_side(
     last = np.empty(0)
     for m in range(experiment.moves):
         rows = experiment.rows(m)
+        ahead = np.zeros(len(vectors))
         if m:
             _carry_play(experiment, m, p, starts, last)
+            shown = [y[k, rows.start - 1, 2] for k in at]
+            ends = zip(vectors, last[s.MASS], shown, strict=False)
+            ahead = np.array([_ahead(experiment, m, *end) for end in ends])
+            _moved(starts[m], ahead[lane], p)
         states = np.zeros((rows.stop - rows.start, s.COLUMNS, s.LANES))
         s.run_lanes(
             experiment.t[rows], ready[0][rows], ready[1][rows], experiment.fine[rows], experiment.theta[rows], p, vectors[0],
@@ -466,8 +499,9 @@ def _side_by_side(
         )  # fmt: skip
         last = states[-1]
         apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
-        for k, own, vector in zip(at, apart, vectors, strict=True):
+        for k, own, vector, behind in zip(at, apart, vectors, ahead, strict=True):
             s.readings(experiment.t[rows], own, vector, y[k, rows])
+            _show_late(experiment.t[rows], y[k, rows], float(behind), vector)
 
 
 def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:

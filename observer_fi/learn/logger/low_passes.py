@@ -28,7 +28,9 @@ TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
 LOOKED_AT, LOOKED_AT_WHOLE = 1.6, 1.15
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
 FASTEST = 0.11  # samples of a time constant that is at its bound
-SLOWEST = 99.0  # samples of one that is at its other bound: nothing comes through, as through a sensor that is dead
+SLOWEST = (
+    99.0  # samples of one that is at its other bound: nothing comes through, as through a sensor that is dead
+)
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
 OFFSET = 3e-3  # of the supply, and of what it drives through the winding: one sigma of zero offsets beside a filter
 CLIMBED = 2  # first fits that are looked at closer
