@@ -91,6 +91,7 @@ _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equ
 _TOO_FAR = 5.0  # standard deviations of their priors
 _GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
 _GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
+_GROSS_BENT = 0.01  # the same of names, where they bend what data sheets hold
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -368,6 +369,22 @@ class SimulatedMoves:
         return without(self.experiment, fitted, candidates[0].variant)
 
     def reconsidered(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
+        """Without stops that explain nothing once the causes are named; without any name where the misfit is still gross."""
+        return self._believed(self._without_stops(ladder))
+
+    def _believed(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
+        """The ladder, or no name at all where its causes leave a gross part of the misfit: something larger is not known.
+
+        Causes that fit what is not theirs leave it where they cannot follow, or bend what is known.
+        """
+        left, before = (excess(self.experiment, f.residuals) for f in (ladder.extended, ladder.baseline))
+        most = (_GROSS_BENT if self._bent(ladder.extended) else _GROSS_LEFT) * before
+        if not ladder.steps or left < max(most, _GROSS_NATS * self.sample_count):
+            return ladder
+        named = [pair for s in ladder.steps for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
+        return replace(ladder, extended=ladder.baseline, steps=(), path=(), refused=(*named, *ladder.refused))
+
+    def _without_stops(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """Without the stops that were found, where the causes leave these nothing to explain."""
         if self.model == self.rig.model or self._stops_matter(ladder):
             return ladder
