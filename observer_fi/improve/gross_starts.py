@@ -22,7 +22,7 @@ _NEARER = tuple(10.0 ** (k / 24.0) for k in (-2, -1, 0, 1, 2))  # times the best
 _FORMS = 2  # of one cause
 _STARTS = 4  # that are fitted
 _OPENING = 0.3  # of the time in which a transient is over: what comes first in a move
-_LONGER = 4.0  # times as long each time
+_LONGER = 2.0  # times as long each time
 _ITERATIONS = 30
 _GO_ON = 2  # fits of openings that go on
 
