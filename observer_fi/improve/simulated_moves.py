@@ -90,6 +90,9 @@ _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told wit
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
 _TOO_FAR = 5.0  # standard deviations of their priors
 _GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
+_HOPELESS_NATS = (
+    10.0  # a sample, that no right model leaves, whatever it explains: a loop that rings has been lost
+)
 _GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
 _GROSS_BENT = 0.01  # the same of names, where they bend what data sheets hold
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
@@ -378,8 +381,9 @@ class SimulatedMoves:
         Causes that fit what is not theirs leave it where they cannot follow, or bend what is known.
         """
         left, before = (excess(self.experiment, f.residuals) for f in (ladder.extended, ladder.baseline))
-        most = (_GROSS_BENT if self._bent(ladder.extended) else _GROSS_LEFT) * before
-        if not ladder.steps or left < max(most, _GROSS_NATS * self.sample_count):
+        share = (_GROSS_BENT if self._bent(ladder.extended) else _GROSS_LEFT) * before
+        most = min(max(share, _GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
+        if not ladder.steps or left < most:
             return ladder
         named = [pair for s in ladder.steps for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
         return replace(ladder, extended=ladder.baseline, steps=(), path=(), refused=(*named, *ladder.refused))

@@ -69,15 +69,18 @@ def test_of_a_winding_only_a_voltage_says_that_its_maker_is_wrong(name: str, equ
 
 
 @pytest.mark.parametrize(
-    ("left", "bent", "kept"),
-    [(1.0, 0.0, True), (2.0, 0.0, True), (5.0, 0.0, False), (2.0, 6.0, False), (1.0, 6.0, True)],
-)
-def test_no_cause_is_named_that_leaves_a_gross_misfit(left: float, bent: float, kept: bool) -> None:
-    """left: of residuals that are ten times the noise without a name. bent: standard deviations of Km."""
+    ("before", "left", "bent", "kept"),
+    [(10.0, 1.0, 0.0, True), (10.0, 2.0, 0.0, True), (10.0, 5.0, 0.0, False), (10.0, 2.0, 6.0, False),
+     (10.0, 1.0, 6.0, True), (100.0, 2.0, 0.0, True), (100.0, 6.0, 0.0, False)],
+)  # fmt: skip
+def test_no_cause_is_named_that_leaves_a_gross_misfit(
+    before: float, left: float, bent: float, kept: bool
+) -> None:
+    """before, left: residuals over the noise, without and with a name. bent: standard deviations of Km."""
     log = log_of(hidden.there_and_back((410.0,), (0.3,), (0.0,)))
     problem = SimulatedMoves((log,), RIG, prepare([log], RIG), RIG.model, MoveSettings())
     well = problem.baseline()
-    baseline = replace(well, residuals=10.0 * well.residuals)
+    baseline = replace(well, residuals=before * well.residuals)
     Km = next(f for f in well.free if f.name == "Km")
     model = override(well.model, "bent", Km=Km.prior + bent * Km.prior_std)
     extended = replace(well, residuals=left * well.residuals, model=model)
