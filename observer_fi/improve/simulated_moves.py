@@ -252,13 +252,14 @@ class SimulatedMoves:
 
     def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
         """Whether the best of some trials leaves a good part of the refit's misfit, or one that is still gross."""
-        left = min((excess(self.experiment, trial.fitted.residuals) for trial in trials), default=self._most)
-        return left > min(_GROSS_LEFT * self._most, _GROSS_NATS * self.sample_count)
+        missed = self._missed(self._baseline)
+        left = min((self._missed(trial.fitted) for trial in trials), default=missed)
+        return left > min(_GROSS_LEFT * missed, _GROSS_NATS * self.sample_count)
 
     def _gross_trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         """Where the refit fails by far: effects that are too large for a score beside it, from the rig as it was given."""
         experiment, trials = self.experiment, []
-        if self._most < _GROSS_NATS * self.sample_count:
+        if self._missed(fitted) < _GROSS_NATS * self.sample_count:
             return []
         cover = coverage_of(experiment, self.model, np.zeros_like(fitted.nuisance))
         scored = {(c.cause.name, c.variant.name): c for c in candidates}
@@ -302,14 +303,21 @@ class SimulatedMoves:
         Without a voltage the latter counts nothing: see `_bent`.
         """
         r0, r1 = (held_out_residuals(self.experiment, one) for one in (before, after))
-        known = [objective(one.model, one.free, np.zeros(1)) for one in (before, after)]
-        respected = known[0] - known[1] if self._sees_voltage else 0.0
+        respected = self._disregard(before) - self._disregard(after)
         seen = 0.5 * (sum_of_squares(r0) - sum_of_squares(r1)) + respected
         ratio = {
             f"{name}_{unit}": rms(r1[:, c]) / max(rms(r0[:, c]), 1e-300)
             for c, (name, unit) in enumerate(UNITS)
         }
         return seen, HeldOut(seen / self.sample_count, ratio)
+
+    def _disregard(self, fitted: FitResult) -> float:
+        """Nats by which a fit leaves what is known of the rig; nothing without a voltage: see `_bent`."""
+        return objective(fitted.model, fitted.free, np.zeros(1)) if self._sees_voltage else 0.0
+
+    def _missed(self, fitted: FitResult) -> float:
+        """Nats that a fit misses by, in the readings and in what is known of the rig."""
+        return excess(self.experiment, fitted.residuals) + self._disregard(fitted)
 
     def _matters(self, before: FitResult, after: FitResult) -> bool:
         """Whether the gain is a good part of the misfit that is left, in all or in one channel, and not dust of the whole."""
@@ -380,7 +388,7 @@ class SimulatedMoves:
 
         Causes that fit what is not theirs leave it where they cannot follow, or bend what is known.
         """
-        left, before = (excess(self.experiment, f.residuals) for f in (ladder.extended, ladder.baseline))
+        left, before = self._missed(ladder.extended), self._missed(ladder.baseline)
         share = (_GROSS_BENT if self._bent(ladder.extended) else _GROSS_LEFT) * before
         most = min(max(share, _GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
         if not ladder.steps or left < most:

@@ -71,7 +71,7 @@ def test_of_a_winding_only_a_voltage_says_that_its_maker_is_wrong(name: str, equ
 @pytest.mark.parametrize(
     ("before", "left", "bent", "kept"),
     [(10.0, 1.0, 0.0, True), (10.0, 2.0, 0.0, True), (10.0, 5.0, 0.0, False), (10.0, 2.0, 6.0, False),
-     (10.0, 1.0, 6.0, True), (100.0, 2.0, 0.0, True), (100.0, 6.0, 0.0, False)],
+     (10.0, 1.0, 6.0, True), (100.0, 2.0, 0.0, True), (100.0, 6.0, 0.0, False), (10.0, 1.0, 600.0, False)],
 )  # fmt: skip
 def test_no_cause_is_named_that_leaves_a_gross_misfit(
     before: float, left: float, bent: float, kept: bool
