@@ -11,6 +11,7 @@ from observer_fi.records import Array
 _DUST = 0.001
 _DUST_NOISE = 0.07
 POSITION = 2  # channel
+_CARRIED = ("backlash", "position_lag")  # effects by which a move goes on from all those before it
 _POSITION_DUST = 0.05  # its share
 
 
@@ -42,7 +43,10 @@ def held_out_residuals(experiment: Experiment, fitted: FitResult) -> Array:
     parts = []
     for m in range(experiment.moves):
         model = without_moves(fitted, [m])
-        window = [m - 1, m] if m and model["backlash"] != 0.0 else [m]
+        carried = any(model[name] != 0.0 for name in _CARRIED)
+        window = (
+            list(range(int(np.searchsorted(experiment.log, experiment.log[m])), m + 1)) if carried else [m]
+        )
         here = select(experiment, window)
         size = experiment.rows(m).stop - experiment.rows(m).start
         # At the edge of friction a rest may slip with one of the two, for a friction a little different.

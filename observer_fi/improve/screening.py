@@ -14,7 +14,7 @@ import numpy as np
 
 from observer_fi.improve.problem import Candidate
 from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals_each, run, scales
-from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows, sum_of_squares
+from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows
 from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Cause, Coverage, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -186,76 +186,6 @@ def _allowed(term: Term, weight: float) -> bool:
     return weight >= 0.0 or (term.low < term.neutral < term.high and math.isfinite(term.neutral))
 
 
-_GROSS_TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # of the start of a size
-_GROSS_SHARES = (0.6, 0.33, 0.18, 0.1)  # of what a limit would leave alone
-_FIRST_LOOK = 5  # iterations after which the best start of a limit is known
-
-
-Start = tuple[Cause, Variant, dict[str, float]]
-
-
-def gross_limits(
-    experiment: Experiment, model: Model, free: Sequence[Free], causes: Sequence[str], coverage: Coverage
-) -> list[Start]:
-    """For each form of a limit that holds throughout, where a fit of it does best after a few steps."""
-    found = []
-    for name in causes:
-        for variant in CAUSES[name].variants(coverage, MOVES):
-            (first, *others) = variant.sizes
-            if others or math.isfinite(first.neutral):
-                continue
-            starts = [
-                {**start_values(variant), first.parameter: share * first.start} for share in _GROSS_SHARES
-            ]
-            fits = [fit_from(experiment, model, free, variant, start, _FIRST_LOOK) for start in starts]
-            best = min(fits, key=lambda fitted: fitted.objective)
-            values = {**start_values(variant), first.parameter: best.model[first.parameter]}
-            found.append((CAUSES[name], variant, values))
-    return found
-
-
-def gross_starts(
-    experiment: Experiment, model: Model, causes: Sequence[str], coverage: Coverage, most: int
-) -> list[Start]:
-    """Causes with one size, so large that no score beside a refit can see them: the best starts from a rig that nobody refitted.
-
-    Only starts that leave less misfit than the rig as it is, one for each form of a cause, at most `most`, the best first.
-    """
-    pairs = [(CAUSES[name], v) for name in causes for v in CAUSES[name].variants(coverage, MOVES)]
-    tried = [
-        (cause, v, {**start_values(v), v.sizes[0].parameter: value})
-        for cause, v in pairs
-        if len(v.sizes) == 1 and not v.sizes[0].with_it and math.isfinite(v.sizes[0].neutral)
-        for value in _gross_sizes(v.sizes[0])
-    ]
-    models = [model, *(override(model, model.name, **values) for _, _, values in tried)]
-    still = np.zeros((experiment.moves, 2))
-    least, *left = map(sum_of_squares, residuals_each(experiment, models, [still] * len(models)))
-    found: dict[tuple[str, str], tuple[Cause, Variant, dict[str, float]]] = {}
-    for k in np.argsort(left):
-        cause, variant, values = tried[k]
-        if left[k] < least and len(found) < most:
-            found.setdefault((cause.name, variant.name), (cause, variant, values))
-    return list(found.values())
-
-
-def _gross_sizes(term: Term) -> list[float]:
-    ways = (1.0, -1.0) if term.low < term.neutral else (1.0,)
-    sizes = [
-        term.neutral + way * times * (term.start - term.neutral) for times in _GROSS_TIMES for way in ways
-    ]
-    return [size for size in sizes if term.low <= size <= term.high]
-
-
-def fit_from(
-    experiment: Experiment, model: Model, free: Sequence[Free], variant: Variant, values: dict[str, float],
-    iterations: int = 30,
-) -> FitResult:  # fmt: skip
-    """The fit with a cause from a gross start, everything else from the model's own values."""
-    start = override(model, model.name, **_inside(variant, values))
-    return fit(experiment, start, (*free, *free_of(variant)), iterations=iterations)
-
-
 def refit(experiment: Experiment, fitted: FitResult, candidate: Candidate, exact: bool = False) -> FitResult:
     """The fit with the candidate's parameters free as well, from its linear estimate.
 
@@ -263,7 +193,7 @@ def refit(experiment: Experiment, fitted: FitResult, candidate: Candidate, exact
     """
     variant = candidate.variant
     starts = start_values(variant) | candidate.size
-    model = override(fitted.model, fitted.model.name, **_inside(variant, starts))
+    model = override(fitted.model, fitted.model.name, **inside(variant, starts))
     extra = free_of(variant)
     names = {f.name for f in extra}
     free = (*(f for f in fitted.free if f.name not in names), *extra)
@@ -281,6 +211,6 @@ def without(experiment: Experiment, fitted: FitResult, variant: Variant) -> FitR
     return fit(experiment, override(fitted.model, fitted.model.name, **neutral), free, fitted.nuisance)
 
 
-def _inside(variant: Variant, values: dict[str, float]) -> dict[str, float]:
+def inside(variant: Variant, values: dict[str, float]) -> dict[str, float]:
     bounds = {t.parameter: (t.low, t.high) for t in variant.terms}
     return {n: min(max(v, bounds[n][0]), bounds[n][1]) if n in bounds else v for n, v in values.items()}

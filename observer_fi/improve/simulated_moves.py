@@ -12,6 +12,7 @@ import numpy as np
 
 from observer_fi.improve.freed.freed_equations import WANTED_NATS, FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance, free_equations
+from observer_fi.improve.gross_starts import gross_fits
 from observer_fi.improve.keep_curve import Kept, fit_kept_curve
 from observer_fi.improve.lines import order_lines
 from observer_fi.improve.misfit import (
@@ -28,9 +29,6 @@ from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.screening import (
     Projector,
     coverage_of,
-    fit_from,
-    gross_limits,
-    gross_starts,
     penalty,
     refit,
     screen,
@@ -92,8 +90,11 @@ _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told wit
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
 _TOO_FAR = 5.0  # standard deviations of their priors
 _GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
-_GROSS_STARTS = 4
+_HOPELESS_NATS = (
+    10.0  # a sample, that no right model leaves, whatever it explains: a loop that rings has been lost
+)
 _GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
+_GROSS_BENT = 0.01  # the same of names, where they bend what data sheets hold
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
@@ -250,28 +251,28 @@ class SimulatedMoves:
         return sorted(found, key=lambda trial: -trial.nets[0])
 
     def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
-        """Whether the best of some trials leaves a good part of the refit's misfit."""
-        left = min((excess(self.experiment, trial.fitted.residuals) for trial in trials), default=self._most)
-        return left > _GROSS_LEFT * self._most
+        """Whether the best of some trials leaves a good part of the refit's misfit, or one that is still gross."""
+        missed = self._missed(self._baseline)
+        left = min((self._missed(trial.fitted) for trial in trials), default=missed)
+        return left > min(_GROSS_LEFT * missed, _GROSS_NATS * self.sample_count)
 
     def _gross_trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         """Where the refit fails by far: effects that are too large for a score beside it, from the rig as it was given."""
         experiment, trials = self.experiment, []
-        if self._most < _GROSS_NATS * self.sample_count:
+        if self._missed(fitted) < _GROSS_NATS * self.sample_count:
             return []
         cover = coverage_of(experiment, self.model, np.zeros_like(fitted.nuisance))
         scored = {(c.cause.name, c.variant.name): c for c in candidates}
         names = causes_of(self.model)
         free = base_parameters(self.rig, self.model, experiment.older_s)
-        starts = gross_starts(experiment, self.model, names, cover, _GROSS_STARTS)
-        for cause, variant, values in (*starts, *gross_limits(experiment, self.model, free, names, cover)):
-            result = fit_from(experiment, self.model, free, variant, values)
+        for start, result in gross_fits(experiment, self.model, free, names, cover):
             gain = fitted.objective - result.objective
-            price = penalty(experiment, len(variant.terms), max(len(candidates), 1))
+            price = penalty(experiment, len(start.variant.terms), max(len(candidates), 1))
             known = scored.get(
-                (cause.name, variant.name), Candidate(cause, variant, gain, gain - price, {}, {})
+                (start.cause.name, start.variant.name),
+                Candidate(start.cause, start.variant, gain, gain - price, {}, {}),
             )
-            trials.append(Trial((replace(known, variant=variant),), result, gain, (gain - price,)))
+            trials.append(Trial((replace(known, variant=start.variant),), result, gain, (gain - price,)))
         return trials
 
     def _refitted(self, fitted: FitResult, rivals: Sequence[Candidate]) -> list[tuple[Candidate, FitResult]]:
@@ -302,14 +303,21 @@ class SimulatedMoves:
         Without a voltage the latter counts nothing: see `_bent`.
         """
         r0, r1 = (held_out_residuals(self.experiment, one) for one in (before, after))
-        known = [objective(one.model, one.free, np.zeros(1)) for one in (before, after)]
-        respected = known[0] - known[1] if self._sees_voltage else 0.0
+        respected = self._disregard(before) - self._disregard(after)
         seen = 0.5 * (sum_of_squares(r0) - sum_of_squares(r1)) + respected
         ratio = {
             f"{name}_{unit}": rms(r1[:, c]) / max(rms(r0[:, c]), 1e-300)
             for c, (name, unit) in enumerate(UNITS)
         }
         return seen, HeldOut(seen / self.sample_count, ratio)
+
+    def _disregard(self, fitted: FitResult) -> float:
+        """Nats by which a fit leaves what is known of the rig; nothing without a voltage: see `_bent`."""
+        return objective(fitted.model, fitted.free, np.zeros(1)) if self._sees_voltage else 0.0
+
+    def _missed(self, fitted: FitResult) -> float:
+        """Nats that a fit misses by, in the readings and in what is known of the rig."""
+        return excess(self.experiment, fitted.residuals) + self._disregard(fitted)
 
     def _matters(self, before: FitResult, after: FitResult) -> bool:
         """Whether the gain is a good part of the misfit that is left, in all or in one channel, and not dust of the whole."""
@@ -372,6 +380,23 @@ class SimulatedMoves:
         return without(self.experiment, fitted, candidates[0].variant)
 
     def reconsidered(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
+        """Without stops that explain nothing once the causes are named; without any name where the misfit is still gross."""
+        return self._believed(self._without_stops(ladder))
+
+    def _believed(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
+        """The ladder, or no name at all where its causes leave a gross part of the misfit: something larger is not known.
+
+        Causes that fit what is not theirs leave it where they cannot follow, or bend what is known.
+        """
+        left, before = self._missed(ladder.extended), self._missed(ladder.baseline)
+        share = (_GROSS_BENT if self._bent(ladder.extended) else _GROSS_LEFT) * before
+        most = min(max(share, _GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
+        if not ladder.steps or left < most:
+            return ladder
+        named = [pair for s in ladder.steps for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
+        return replace(ladder, extended=ladder.baseline, steps=(), path=(), refused=(*named, *ladder.refused))
+
+    def _without_stops(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """Without the stops that were found, where the causes leave these nothing to explain."""
         if self.model == self.rig.model or self._stops_matter(ladder):
             return ladder

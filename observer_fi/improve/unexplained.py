@@ -254,7 +254,7 @@ def rest_steps(experiment: Experiment, fitted: FitResult) -> list[Smooth]:
     tells its offset to a thirtieth of the noise. A rest that slips turns the motor by di/Ki, 0.1 um of x at most.
     """
     states, _ = run(experiment, fitted.model, fitted.nuisance)
-    pairs = np.flatnonzero(np.diff(experiment.log) == 0)
+    pairs = np.flatnonzero((np.diff(experiment.log) == 0) & _nothing_between(experiment))
     if pairs.size < _FEWEST_STEPS:
         return []
     size = np.diff(experiment.bounds)
@@ -265,6 +265,16 @@ def rest_steps(experiment: Experiment, fitted: FitResult) -> list[Smooth]:
     found = [_stepped("pitch", experiment.pitch, pairs, step, std)]
     found += [_stepped("time", np.exp(-middle / tau), pairs, step, std) for tau in _SETTLING_S]
     return [term for term in found if term is not None]
+
+
+def _nothing_between(experiment: Experiment) -> NDArray[np.bool_]:
+    """(M - 1,) whether the command is zero between a move and the next: a move there that no fit took moves the mass."""
+    last, first = experiment.t[experiment.bounds[1:-1] - 1], experiment.t[experiment.bounds[1:-1]]
+    quiet = []
+    for a, b, log in zip(last, first, experiment.log, strict=False):
+        t, w = experiment.knots[log]
+        quiet.append(not np.any(w[(t > a) & (t < b)]))
+    return np.array(quiet, dtype=bool)
 
 
 def _stepped(

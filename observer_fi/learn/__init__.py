@@ -40,6 +40,7 @@ from observer_fi.learn.linear import (
 )
 from observer_fi.learn.move_data import (
     Experiment,
+    openings,
     prepare,
     run,
     select,
@@ -125,6 +126,7 @@ __all__ = [
     "residuals_by_phase",
     "run",
     "scales",
+    "openings",
     "select",
     "share_of",
     "solve",

@@ -23,6 +23,7 @@ _ITERATIONS = 30
 _HALVINGS = 6
 _DONE = 0.01  # nats that a step must gain to be worth another one
 _CONDITION = 1e-12
+_RUN_AWAY = 1e30  # standard deviations of the noise
 _FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip
 
 
@@ -192,7 +193,7 @@ def stepped(free: Sequence[Free], values: Mapping[str, float], step: Array) -> d
 
 def project(problem: Moves, columns: Array, around: Array, point: Point) -> Normal:
     """Normal equations at a point from the columns (k, N, 3) and those of the two numbers of every move (2, N, 3)."""
-    k, bounds = columns.shape[0], problem.bounds
+    columns, k, bounds = _told(columns), columns.shape[0], problem.bounds
     moves = bounds.size - 1
     H, g = np.empty((moves, k, k)), np.empty((moves, k))
     pull, follow = np.empty((moves, 2)), np.empty((moves, 2, k))
@@ -208,6 +209,12 @@ def project(problem: Moves, columns: Array, around: Array, point: Point) -> Norm
         H[m] = self_gram(G) - cross.T @ follow[m]
         g[m] = matvec(G, residual) - cross.T @ pull[m]
     return Normal(H, g, pull, follow)
+
+
+def _told(columns: Array) -> Array:
+    """Columns (k, N, 3), zero for parameters with which a simulation runs away: a difference says nothing of them there."""
+    near = np.maximum(columns.max(axis=(1, 2)), -columns.min(axis=(1, 2))) < _RUN_AWAY
+    return columns if near.all() else np.where(near[:, None, None], columns, 0.0)
 
 
 def newton_step(free: Sequence[Free], values: Mapping[str, float], normal: Normal) -> Array:

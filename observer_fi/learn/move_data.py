@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.fit_readings import readings_to_fit, since_change
-from observer_fi.learn.reversal_doubt import Doubt, doubt_of, subtract_doubt
+from observer_fi.learn.reversal_doubt import Doubt, doubt_of, no_doubt, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest, with_command
 from observer_fi.numerics import filled
-from observer_fi.physics import Model, Rest, Rig, corners, quarters
+from observer_fi.physics import Model, Rest, Rig, corners, quarters, speed
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Filter, Log, Segment
@@ -35,6 +35,8 @@ _COARSE_S = 1.5e-3  # between samples: more is not integrated in one step where 
 SMOOTH_HZ = 2000.0  # knots a second of a command that is smooth between its samples
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
+# Of the fastest speed and the largest current of a move: a "rest" that swings more is none, the loop rings or never stops.
+_SWINGS = 0.03
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
@@ -235,6 +237,19 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     )
 
 
+def openings(experiment: Experiment, seconds: float) -> Experiment:
+    """The experiment with the rest and the first seconds of every move only; what reversals leave open is left out."""
+    begins = experiment.t[experiment.bounds[:-1] + experiment.moving]
+    kept = experiment.t < begins[experiment.owner] + seconds
+    sizes = np.bincount(experiment.owner[kept], minlength=experiment.moves)
+    return replace(
+        experiment,
+        **{name: getattr(experiment, name)[kept] for name in ("t", "theta", "z", "weight", "fine", "phase")},
+        bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
+        doubts=tuple(no_doubt(size) for size in sizes.tolist()),
+    )
+
+
 def whitened(experiment: Experiment, r: Array) -> Array:
     """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
     for m, doubt in enumerate(experiment.doubts):
@@ -271,6 +286,8 @@ def _part(
     still = log.z[rest : segment.start]
     if segment.start - rest < 4 or np.isnan(still[:, 1:]).all(axis=0).any():
         return None
+    if _swings(log.z[rest:end], segment.start - rest, model):
+        return None
     t, z = taken.t[rest:end], taken.z[rest:end]
     missing = np.isnan(z)
     gapless = np.nan_to_num(np.stack([filled(channel) for channel in log.z[rest:end].T], axis=1))
@@ -295,6 +312,16 @@ def _part(
         "rest": np.nanmean(still[:, 1:], axis=0),
         "doubt": doubt_of(t, gapless, weight, brake, model),
     }
+
+
+def _swings(z: Array, rows: int, model: Model) -> bool:
+    """Whether motor and current swing in the first rows of the readings z (n, 3) of a move, which should be its rest."""
+    both = np.column_stack([speed(z, model.vector), z[:, 1]])
+    still = both[:rows][np.isfinite(both[:rows]).all(axis=1)]
+    if not still.size:
+        return False
+    low, high = np.quantile(still, (0.25, 0.75), axis=0)  # without spikes
+    return bool((high - low > _SWINGS * np.nanmax(np.abs(both), axis=0)).all())
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:
@@ -372,8 +399,11 @@ def run(
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         t = experiment.t[rows]
+        ahead = 0.0
         if m:
             _carry_play(experiment, m, p, starts, states[rows.start - 1])
+            ahead = _ahead(experiment, m, p, states[rows.start - 1, s.MASS], y[rows.start - 1, 2])
+            _moved(starts[m], ahead, p)
         s.run(
             t,
             now[rows],
@@ -386,6 +416,7 @@ def run(
             experiment.steps,
         )
         s.readings(t, states[rows], p, y[rows])
+        _show_late(t, y[rows], ahead, p)
     return states, y
 
 
@@ -396,6 +427,30 @@ def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: A
         x = starts[m, s.MASS] + last[s.X] - last[s.MASS]
         starts[m, s.X] = np.where(play, x, starts[m, s.X])
         starts[m, s.PHI] = np.where(play, x / p[a.D], starts[m, s.PHI])
+
+
+def _ahead(experiment: Experiment, m: int, p: Array, mass: float, shown: float) -> float:
+    """How far the mass is ahead of what a sensor that lags shows as move m starts [m].
+
+    mass, shown: where it was, and the reading, at the end of the move before.
+    """
+    lag = float(p[a.POSITION_LAG])
+    if lag == 0.0 or experiment.log[m] != experiment.log[m - 1]:
+        return 0.0
+    since = experiment.t[experiment.bounds[m]] - experiment.t[experiment.bounds[m] - 1]
+    return (mass - shown / float(p[a.POSITION_GAIN])) * math.exp(-since / lag)
+
+
+def _moved(start: Array, ahead: Any, p: Array) -> None:
+    """Into one start: the mass is so far ahead of its reading [m]."""
+    start[[s.X, s.MASS]] += ahead
+    start[s.PHI] += ahead / p[a.D]
+
+
+def _show_late(t: Array, y: Array, ahead: float, p: Array) -> None:
+    """Into readings (n, 3) that begin where the mass is: the sensor begins so far behind it [m]."""
+    if ahead != 0.0:
+        y[:, 2] -= p[a.POSITION_GAIN] * ahead * np.exp((t[0] - t) / p[a.POSITION_LAG])
 
 
 def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array]) -> Array:
@@ -432,8 +487,13 @@ def _side_by_side(
     last = np.empty(0)
     for m in range(experiment.moves):
         rows = experiment.rows(m)
+        ahead = np.zeros(len(vectors))
         if m:
             _carry_play(experiment, m, p, starts, last)
+            shown = [y[k, rows.start - 1, 2] for k in at]
+            ends = zip(vectors, last[s.MASS], shown, strict=False)
+            ahead = np.array([_ahead(experiment, m, *end) for end in ends])
+            _moved(starts[m], ahead[lane], p)
         states = np.zeros((rows.stop - rows.start, s.COLUMNS, s.LANES))
         s.run_lanes(
             experiment.t[rows], ready[0][rows], ready[1][rows], experiment.fine[rows], experiment.theta[rows], p, vectors[0],
@@ -441,8 +501,9 @@ def _side_by_side(
         )  # fmt: skip
         last = states[-1]
         apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
-        for k, own, vector in zip(at, apart, vectors, strict=True):
+        for k, own, vector, behind in zip(at, apart, vectors, ahead, strict=True):
             s.readings(experiment.t[rows], own, vector, y[k, rows])
+            _show_late(experiment.t[rows], y[k, rows], float(behind), vector)
 
 
 def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:

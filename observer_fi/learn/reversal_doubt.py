@@ -52,7 +52,7 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     fast = np.flatnonzero(np.abs(_smooth(w, rows)) > _STILL)
     kicks = _reversals(t, w, brake, rows)
     if not kicks or not fast.size:
-        return Doubt(t.size, np.empty((0, 0)), np.empty(0), (), t.size)
+        return no_doubt(t.size)
     still = t[fast[-1]]
     steps = tuple((int(np.searchsorted(t, at)), _HELD_S * abs(slope)) for at, slope in kicks)
     source = np.abs(z[:, 0] + model["Rs"] * z[:, 1])
@@ -65,6 +65,11 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     _, size, v = np.linalg.svd(B.reshape(len(B), -1), full_matrices=False)
     share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
     return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
+
+
+def no_doubt(rows: int) -> Doubt:
+    """Nothing left open in a move of so many rows."""
+    return Doubt(rows, np.empty((0, 0)), np.empty(0), (), rows)
 
 
 def subtract_doubt(r: Array, doubt: Doubt) -> None:
@@ -86,8 +91,9 @@ def _reversals(t: Array, w: Array, brake: int, rows: int) -> list[tuple[float, f
         if k < brake + rows or k + rows >= t.size or (found and t[k] - found[-1][0] < _APART_S):
             continue
         slope, level = np.polyfit(t[near] - t[k], w[near], 1)
-        if abs(slope) > _LEAST:
-            found.append((float(t[k] - level / slope), float(slope)))
+        at = float(t[k] - level / slope) if abs(slope) > _LEAST else np.inf
+        if at < t[-1]:  # of noise alone a line may pass zero anywhere
+            found.append((at, float(slope)))
     return found
 
 

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from campaigns import log_of
 
+from observer_fi.improve.misfit import held_out_residuals
+from observer_fi.improve.problem import Candidate, HeldOut, Ladder, Step, Trial
 from observer_fi.improve.simulated_moves import MoveSettings, SimulatedMoves, base_parameters
-from observer_fi.learn import prepare
+from observer_fi.learn import Free, fit, prepare
+from observer_fi.physics import CAUSES, Coverage
 from observer_fi.physics.rigs import load_rig, override
 
 RIG = load_rig()
@@ -63,3 +66,38 @@ def test_of_a_winding_only_a_voltage_says_that_its_maker_is_wrong(name: str, equ
     assert said[4.0, True] == said[4.0, False] == ()
     assert said[6.0, True] == (equation,)
     assert said[6.0, False] == (() if equation == "electrical" else (equation,))
+
+
+@pytest.mark.parametrize(
+    ("before", "left", "bent", "kept"),
+    [(10.0, 1.0, 0.0, True), (10.0, 2.0, 0.0, True), (10.0, 5.0, 0.0, False), (10.0, 2.0, 6.0, False),
+     (10.0, 1.0, 6.0, True), (100.0, 2.0, 0.0, True), (100.0, 6.0, 0.0, False), (10.0, 1.0, 600.0, False)],
+)  # fmt: skip
+def test_no_cause_is_named_that_leaves_a_gross_misfit(
+    before: float, left: float, bent: float, kept: bool
+) -> None:
+    """before, left: residuals over the noise, without and with a name. bent: standard deviations of Km."""
+    log = log_of(hidden.there_and_back((410.0,), (0.3,), (0.0,)))
+    problem = SimulatedMoves((log,), RIG, prepare([log], RIG), RIG.model, MoveSettings())
+    well = problem.baseline()
+    baseline = replace(well, residuals=before * well.residuals)
+    Km = next(f for f in well.free if f.name == "Km")
+    model = override(well.model, "bent", Km=Km.prior + bent * Km.prior_std)
+    extended = replace(well, residuals=left * well.residuals, model=model)
+    cause = CAUSES["brush_drop"]
+    named = Candidate(cause, cause.forms(Coverage())[0], 0.0, 0.0, {}, {})
+    steps = (Step(Trial((named,), extended, 1e4, (1e4,)), HeldOut(1.0, {}), {"brush_drop": ()}),)
+    found = problem._believed(Ladder(baseline, extended, steps, (extended,), (), ()))
+    assert (found.steps == steps) is kept
+    assert found.extended is (extended if kept else baseline)
+    assert found.refused == (() if kept else (("brush_drop", 1e4),))
+
+
+def test_held_out_moves_within_a_play_go_on_from_where_the_mass_was_left() -> None:
+    """Slow moves shorter than the play: what they show depends on every move since the mass last moved."""
+    profile = hidden.there_and_back((410.0, 90.0, 90.0), (0.5, 0.5, 0.9), (0.0, 0.0, 0.0))
+    experiment = prepare([log_of(profile, effects=(hidden.effect("backlash", width=2e-4),))], RIG)
+    model = override(RIG.model, "play", backlash=2e-4)
+    fitted = fit(experiment, model, (*base_parameters(RIG, RIG.model), Free("backlash", 2e-6, 0.0, 1e-3)))
+    off = held_out_residuals(experiment, fitted)[experiment.rows(4), 2]
+    assert np.sqrt(np.mean(off**2)) < 2.0

@@ -11,6 +11,7 @@ from observer_fi.improve.unexplained import KINDS, response, rest_steps, slow_ex
 from observer_fi.learn.linear import RESISTANCE, TORQUE, TRAVEL, linearised
 from observer_fi.learn.move_data import prepare, run, simulate, whitened
 from observer_fi.learn.output_error import fit
+from observer_fi.logs.moves import moves_from_rest
 from observer_fi.physics.rigs import override
 
 LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
@@ -68,3 +69,10 @@ def test_the_response_is_what_the_simulation_shows(equation, kind, parameter, si
         if scale * size > 1e-6:
             error = np.sqrt(np.mean((got - exact)[:, channel] ** 2)) / scale
             assert error < 0.2, (channel, error)
+
+
+def test_moves_that_no_fit_took_are_no_steps_of_the_sensor():
+    cut = moves_from_rest(LOG)
+    experiment = prepare([LOG], RIG, [cut[::2]])
+    found = rest_steps(experiment, fit(experiment, RIG.model, base_parameters(RIG, RIG.model)))
+    assert all(term.held_out < 5.0 for term in found)

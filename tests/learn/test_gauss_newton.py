@@ -1,12 +1,13 @@
 """Output-error fits: recovery, masks, priors, and the shortcut that leaves moves out."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import NOISE, RIG, campaign
 
-from observer_fi.learn.gauss_newton import FEWEST_MOVES, Free, Normal, scatter
+from observer_fi.learn.gauss_newton import FEWEST_MOVES, Free, Normal, Point, newton_step, project, scatter
 from observer_fi.learn.move_data import prepare, select, simulate
 from observer_fi.learn.output_error import fit, without_moves
 from observer_fi.logs.moves import moves_from_rest
@@ -134,3 +135,17 @@ def test_what_differs_from_move_to_move_widens_a_standard_error() -> None:
     assert scatter(free, {"J": 0.0}, normal)[0] == pytest.approx(expected, rel=1e-6)
     few = Normal(*(part[: FEWEST_MOVES - 1] for part in normal))
     assert scatter(free, {"J": 0.0}, few)[0] == 0.0
+
+
+@pytest.mark.parametrize("far", [1e200, np.inf, np.nan])
+def test_a_parameter_with_which_a_simulation_runs_away_stays_where_it_is(far: float) -> None:
+    experiment = prepare([campaign()], RIG)
+    free = parameters("J", "A")
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(2, experiment.t.size, 3))
+    columns[1, 100, 0] = far
+    problem: Any = type("Moves", (), {"bounds": experiment.bounds, "nuisance_std": experiment.nuisance_std})
+    values = {f.name: f.prior for f in free}
+    point = Point(values, np.zeros((experiment.moves, 2)), 3.0 * columns[0], 0.0)
+    step = newton_step(free, values, project(problem, columns, rng.normal(size=columns.shape), point))
+    assert step[1] == 0.0 and step[0] == pytest.approx(3.0, rel=0.1)

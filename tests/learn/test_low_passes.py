@@ -210,3 +210,11 @@ def test_of_trials_the_simplest_that_is_clearly_better_is_told(
     monkeypatch.setattr(low_passes, "_starts", list)
     found = filter_of([None], RIG.model, [], {})
     assert (found and (found[0], found[1][LATE])) == told
+
+
+@pytest.mark.slow
+def test_a_current_that_is_dead_is_behind_no_filter() -> None:
+    """It had been taken out as one of 2.5 Hz, with all that the noise of such a sensor then becomes."""
+    spec = hidden.draw_effect_case(130009, "current_gain", 50.0)
+    assert hidden.right_size(spec.effects[0]).value == 0.0
+    assert campaign_filters([log_from_frame(hidden.make_log(spec, 130009)[0])], RIG).told == ()

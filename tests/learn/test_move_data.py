@@ -27,6 +27,7 @@ PLANTS = {
     "inner loop": {"current_lag": 5e-4, "servo_delay": 1e-4},
     "current behind the limit": {"current_lag": 5e-4, "lag_behind_limit": 1.0},
     "delays": {"servo_delay": 2e-4, "voltage_delay": 5e-4, "input_delay": 3e-4},
+    "slow sensor": {"position_lag": 0.3, "position_gain": 1.1},
 }  # fmt: skip
 
 
@@ -147,3 +148,30 @@ def test_a_drive_that_is_off_leaves_open_what_it_holds_next(seed: int) -> None:
 def test_a_slow_log_is_integrated_in_fine_steps_throughout(rate: float, every: bool) -> None:
     experiment = ex.prepare([log_of(SHORT, logger=hidden.Logger(rate_hz=rate))], RIG)
     assert experiment.fine.any() and experiment.fine.all() == every
+
+
+@pytest.mark.parametrize("lag", [0.01, 0.3])
+def test_a_sensor_that_lags_is_still_behind_as_the_next_move_starts(lag: float) -> None:
+    """Against the independent truth: had it begun where the mass is, 0.3 s of lag would be ten sigmas off."""
+    log = log_of(
+        hidden.there_and_back((410.0,), (0.6,), (0.0,), rest_s=0.25),
+        effects=(hidden.effect("position_lag", lag=lag),),
+    )
+    experiment = ex.prepare([log], RIG)
+    model = override(RIG.model, "late", position_lag=lag)
+    y = ex.simulate(experiment, model, np.zeros((experiment.moves, 2)))
+    later = experiment.rows(1)
+    off = ((experiment.z - y) * experiment.weight)[later, 2]
+    assert experiment.moves == 2 and np.sqrt(np.mean(off**2)) < 2.5
+
+
+def test_moves_that_do_not_begin_at_rest_are_left_out() -> None:
+    log = moves()
+    starts = [segment.start for segment in moves_from_rest(log)]
+    swing = np.where(log.t < log.t[starts[2]], np.sin(140.0 * log.t), 0.0) * (log.t > log.t[starts[2]] - 0.1)
+    rings = replace(log, z=log.z + swing[:, None] * np.array([1.0, 0.1, 0.0]))
+    spikes = log.z.copy()
+    spikes[[start - 20 for start in starts], :2] += (5.0, 0.5)
+    kept = {name: ex.prepare([one], RIG).start.size for name, one in
+            (("still", log), ("rings", rings), ("spikes", replace(log, z=spikes)))}  # fmt: skip
+    assert kept == {"still": 3, "rings": 2, "spikes": 3}

@@ -8,7 +8,7 @@ from campaigns import RIG, campaign
 from scipy.integrate import solve_ivp
 
 from observer_fi.learn.move_data import prepare, unwhitened, whitened
-from observer_fi.learn.reversal_doubt import Doubt, _response, subtract_doubt
+from observer_fi.learn.reversal_doubt import Doubt, _response, doubt_of, subtract_doubt
 
 
 def test_response_is_the_loop_after_a_step_in_speed():
@@ -88,3 +88,13 @@ def test_a_move_without_reversals_has_no_doubt():
     assert all(doubt.share.size == 0 for doubt in still.doubts)
     r = np.ones((still.t.size, 3))
     assert (whitened(still, r) == 1.0).all()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_reversal_is_within_its_move(seed: int) -> None:
+    """Of noise alone, as of a sensor that is dead, a line may pass zero past the end of a move."""
+    rng = np.random.default_rng(seed)
+    z = np.zeros((400, 3))
+    z[:, 0] = 0.4 * rng.normal(size=400)
+    doubt = doubt_of(np.arange(400) / 1600.0, z, np.ones((400, 3)), 300, RIG.model)
+    assert all(row < 400 for row, _ in doubt.kicks)

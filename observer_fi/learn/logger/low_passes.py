@@ -28,6 +28,9 @@ TIMES = (2.5, 16.0)  # time constants in samples from which fits begin
 LOOKED_AT, LOOKED_AT_WHOLE = 1.6, 1.15
 NOTICED_NATS = 40.0  # that a filter must be better than none, and than a delay
 FASTEST = 0.11  # samples of a time constant that is at its bound
+SLOWEST = (
+    99.0  # samples of one that is at its other bound: nothing comes through, as through a sensor that is dead
+)
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
 OFFSET = 3e-3  # of the supply, and of what it drives through the winding: one sigma of zero offsets beside a filter
 CLIMBED = 2  # first fits that are looked at closer
@@ -72,7 +75,7 @@ def filter_of(
     if _cost(best) > _cost(rival) - NOTICED_NATS:
         best = rival
     known = best.through is not None and (best.through.order > 0 or _is_late_current(best))
-    if not known or best.through is None or _cost(best) > _cost(none) - NOTICED_NATS:
+    if not known or best.through is None or _cost(best) > _cost(none) - NOTICED_NATS or trial.is_dead(best):
         return None
     left = _misfit(best.point.residuals)
     return (best.through, best.point.values) if left - 1.0 < LEFT * (before - 1.0) else None
@@ -113,6 +116,10 @@ class _Trial:
     def is_none(self, one: Tried) -> bool:
         """Whether a filter has gone as fast as it may: what is left of it is a delay."""
         return one.point.values[TIME] < FASTEST * self.interval
+
+    def is_dead(self, one: Tried) -> bool:
+        """Whether a filter has gone as slow as it may."""
+        return one.point.values.get(TIME, 0.0) > SLOWEST * self.interval
 
     def tried(self, through: Through | None, samples: float) -> Tried:
         """The fit with a filter, from a time constant of so many samples on."""
