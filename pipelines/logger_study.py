@@ -1,7 +1,7 @@
 """Verdicts through loggers as they are, and on sensors that fail: writes reports/loggers.md.
 
     python -m pipelines.logger_study [--moves 60] [--traits hum_50hz noise_3+steps_all] [--failing 12] [--campaigns 500]
-    [--combined 1000] [--out reports/loggers.md]
+    [--combined 1000] [--crossed 400] [--out reports/loggers.md]
 
 Seeds from 90000 on: none of them was looked at while thresholds were set.
 """
@@ -35,6 +35,7 @@ EVERY = (*hidden.TRAITS, *hidden.PAIRS, *hidden.TRIPLES)
 
 CAMPAIGN = "campaign"
 COMBINED = "combined"
+CROSSED = ("on another day", "of any size", "a failing sensor")
 TOGETHER = (2, 5)  # traits at once: from so many to fewer than so many
 EITHER = ("no_voltage", "no_command")  # nothing is left to tell the command from without both
 
@@ -43,7 +44,8 @@ class Job(NamedTuple):
     """One move: the traits of its logger, its class, its seed; of a failing sensor what `draw_failing_case` takes.
 
     Of the kind `COMBINED` a logger with several traits, drawn at random. Or, of the kind `CAMPAIGN`, a healthy campaign: starts
-    and stops at three speeds and three pitches, reversals, rests.
+    and stops at three speeds and three pitches, reversals, rests. crossed: of `CROSSED`, what else is drawn; kind is then the
+    day, the fault of any size, or how the sensor fails.
     """
 
     trait: str
@@ -52,6 +54,7 @@ class Job(NamedTuple):
     kind: str = ""
     channel: str = ""
     factor: float = 1.0
+    crossed: str = ""
 
 
 NO_VERDICT = {
@@ -75,6 +78,11 @@ def judged(job: Job) -> dict[str, Any]:
 def _spec(job: Job) -> hidden.TruthSpec:
     if job.kind == CAMPAIGN:
         return hidden.draw_effects_case(job.seed, (), 0.0)
+    if job.crossed == CROSSED[0]:
+        spec, rng = hidden.draw_move_case(job.seed, job.label), np.random.default_rng([job.seed, 17])
+        return hidden.SURROUNDINGS[job.kind].change(spec, 1.0, rng)
+    if job.crossed == CROSSED[1]:
+        return hidden.draw_severity_case(job.seed, job.kind)
     if job.label == "sensor_fault":
         return hidden.draw_failing_case(job.seed, job.kind, job.channel, job.factor)
     return hidden.draw_move_case(job.seed, job.label)
@@ -145,6 +153,46 @@ def combined_jobs(moves: int, first: int) -> list[Job]:
     return jobs
 
 
+def crossed_jobs(moves: int, first: int) -> list[Job]:
+    """Moves through one trait that leaves the information in, on another day, with a fault of any size or a failing sensor.
+
+    What a study of its own holds still for each of these: what is healthy through any logger, and on any day, must be so through
+    any logger on any day.
+    """
+    keeps = [name for name in hidden.TRAITS if hidden.trait_of(name).keeps]
+    days = [name for name, day in hidden.SURROUNDINGS.items() if not day.late_s]
+    jobs = []
+    for seed in range(first, first + moves):
+        rng, crossed = np.random.default_rng([seed, 14]), CROSSED[seed % len(CROSSED)]
+        trait = str(rng.choice(keeps))
+        if crossed == CROSSED[0]:
+            label, kind, channel = CLASSES[seed // 3 % len(CLASSES)], str(rng.choice(days)), ""
+        elif crossed == CROSSED[1]:
+            kind, channel = str(rng.choice(hidden.SEVERITY_KINDS)), ""
+            label = hidden.draw_severity_case(seed, kind).fault.label
+        else:
+            label, kind = "sensor_fault", str(rng.choice(list(hidden.FAILURES)))
+            channel = str(rng.choice(hidden.CHANNELS[1 if trait == EITHER[0] else 0 :]))
+        jobs.append(Job(trait, label, seed, kind, channel, 3.0, crossed))
+    return jobs
+
+
+def of_crossed(frame: pd.DataFrame) -> str:
+    """How many crossed moves were told right, by what was crossed, and what was said of the others."""
+    lines = []
+    for crossed, g in frame.groupby("crossed", sort=False):
+        wrong = g[~g["right"].astype(bool)]
+        said = ", ".join(
+            f"{row.trait} {row.kind} {row.channel} {row.label} {row.seed}: {row.said} {row.probability:.3g}"
+            for row in wrong.itertuples()
+        )
+        sure = int((wrong["probability"] > CONFIDENT).sum())
+        lines.append(
+            f"- {crossed}: {len(g) - len(wrong)} of {len(g)} right, {sure} confident and wrong. {said}".strip()
+        )
+    return "\n".join(lines)
+
+
 def of_combined(frame: pd.DataFrame) -> str:
     """How many moves through loggers drawn at random were told right, and what was said of the others."""
     wrong = frame[~frame["right"].astype(bool)]
@@ -212,8 +260,8 @@ def _found(missed: pd.Series) -> str:
 def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
     """The report."""
     campaigns = frame[frame["kind"] == CAMPAIGN]
-    combined = frame[frame["kind"] == COMBINED]
-    moves = frame[~frame["kind"].isin([CAMPAIGN, COMBINED])]
+    combined, crossed = frame[frame["kind"] == COMBINED], frame[frame["crossed"] != ""]
+    moves = frame[~frame["kind"].isin([CAMPAIGN, COMBINED]) & (frame["crossed"] == "")]
     through, failing = moves[moves["label"] != "sensor_fault"], moves[moves["label"] == "sensor_fault"]
     keeps = through["trait"].map(lambda name: hidden.trait_of(name).keeps).astype(bool)
     wrong = ~through["right"] & (through["probability"] > CONFIDENT)
@@ -232,6 +280,7 @@ def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
         f"Sizes in sigmas of the channel's noise: {sizes}.", "",
         markdown(by_failure(failing)) if len(failing) else "", "",
         "## Several at once, drawn at random", "", of_combined(combined) if len(combined) else "", "",
+        "## Another day, any size, a failing sensor, each through one trait", "", of_crossed(crossed) if len(crossed) else "", "",
         "## Healthy campaigns", "", of_campaigns(campaigns) if len(campaigns) else "", "",
     )  # fmt: skip
     return "\n".join(lines)
@@ -249,6 +298,9 @@ def main(arguments: list[str] | None = None) -> int:
         "--campaigns", type=int, default=500, help="healthy campaigns, through every logger in turn"
     )
     parser.add_argument("--combined", type=int, default=1000, help="moves through several traits at once")
+    parser.add_argument(
+        "--crossed", type=int, default=400, help="moves on other days, of any size, or with a failing sensor"
+    )
     parser.add_argument("--factor", type=float, default=3.0, help="size of these failures, in FAILING_SIGMAS")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
@@ -262,6 +314,7 @@ def main(arguments: list[str] | None = None) -> int:
     jobs += failing_jobs(options.failing, options.factor, options.first)
     jobs += campaign_jobs(options.campaigns, options.first)
     jobs += combined_jobs(options.combined, options.first)
+    jobs += crossed_jobs(options.crossed, options.first)
     frame = study(jobs, options.workers, options.rows, time.monotonic() + 60 * options.minutes)
     options.out.write_text(summary(frame, options.first, options.factor))
     print(f"wrote {options.out}")

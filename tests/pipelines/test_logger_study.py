@@ -85,13 +85,15 @@ def test_tables_count_what_was_said() -> None:
 
 def test_the_recipe_writes_its_report(tmp_path: Path) -> None:
     given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--campaigns", "1", "--combined", "1"]
-    given += ["--first", "7000", "--rows", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "loggers.md")]
-    assert logger_study.main(given) == 0
-    assert len(pd.read_csv(tmp_path / "rows.csv")) == 4
+    given += ["--crossed", "3", "--first", "7000", "--rows", str(tmp_path / "rows.csv")]
+    assert logger_study.main([*given, "--out", str(tmp_path / "loggers.md")]) == 0
+    assert len(pd.read_csv(tmp_path / "rows.csv")) == 7
     text = (tmp_path / "loggers.md").read_text()
     assert "| noise_3 | noise three times the rig file's | 2 |" in text
     assert "seeds from 7000 on" in text and "1 of 1 right, 0 confident and wrong." in text
     assert "0 of 1 campaigns of 18 moves each are called anything but nominal." in text
+    for crossed in logger_study.CROSSED:
+        assert f"- {crossed}: 1 of 1 right, 0 confident and wrong." in text
 
 
 def test_a_campaign_that_is_called_faulty_is_told_with_its_logger() -> None:
@@ -125,6 +127,20 @@ def test_what_was_said_through_drawn_loggers_is_counted() -> None:
     text = logger_study.of_combined(pd.DataFrame(rows))
     assert text.startswith("1 of 3 right, 1 confident and wrong.")
     assert f"{jobs[1].trait} {jobs[1].label} 7001: jam 0.99" in text
+
+
+def test_days_sizes_and_failing_sensors_are_crossed_with_loggers() -> None:
+    jobs = logger_study.crossed_jobs(120, 7000)
+    assert jobs == logger_study.crossed_jobs(120, 7000) and all(TRAITS[job.trait].keeps for job in jobs)
+    assert [sum(job.crossed == name for job in jobs) for name in logger_study.CROSSED] == [40, 40, 40]
+    assert len({job.trait for job in jobs}) > 20 and len({job.kind for job in jobs}) > 20
+    assert all(bool(job.channel) == (job.label == "sensor_fault") for job in jobs)
+    assert not any(job.trait == "no_voltage" and job.channel == "voltage" for job in jobs)
+    rows = [
+        {**job._asdict(), "said": "jam", "probability": 0.99, "right": job.label == "jam"} for job in jobs
+    ]
+    text = logger_study.of_crossed(pd.DataFrame(rows))
+    assert text.count("of 40 right") == 3 and "on another day: 0 of 40 right, 40 confident and wrong." in text
 
 
 def test_every_way_to_fail_gets_its_moves() -> None:
