@@ -35,8 +35,9 @@ _COARSE_S = 1.5e-3  # between samples: more is not integrated in one step where 
 SMOOTH_HZ = 2000.0  # knots a second of a command that is smooth between its samples
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
 _PLAY_ROWS = 30  # samples after a log's first start in which the play may still be taken up
-# Of the fastest speed and the largest current of a move: a "rest" that swings more is none, the loop rings or never stops.
-_SWINGS = 0.03
+# Of the fastest speed and the largest current of a move, and times the change from one reading to the next: a "rest" that swings
+# more is none, the loop rings or never stops.
+_SWINGS, _SMOOTH = 0.1, 2.0
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
@@ -315,13 +316,17 @@ def _part(
 
 
 def _swings(z: Array, rows: int, model: Model) -> bool:
-    """Whether motor and current swing in the first rows of the readings z (n, 3) of a move, which should be its rest."""
+    """Whether motor and current swing in the first rows of the readings z (n, 3) of a move, which should be its rest.
+
+    Noise scatters from one reading to the next, and hum is little beside a start: neither is a swing.
+    """
     both = np.column_stack([speed(z, model.vector), z[:, 1]])
     still = both[:rows][np.isfinite(both[:rows]).all(axis=1)]
     if not still.size:
         return False
     low, high = np.quantile(still, (0.25, 0.75), axis=0)  # without spikes
-    return bool((high - low > _SWINGS * np.nanmax(np.abs(both), axis=0)).all())
+    rough = np.median(np.abs(np.diff(still, axis=0)), axis=0)
+    return bool((high - low > np.maximum(_SWINGS * np.nanmax(np.abs(both), axis=0), _SMOOTH * rough)).all())
 
 
 def _slow_start(experiment: Experiment, p: Array) -> tuple[Array, Array]:

@@ -191,7 +191,7 @@ def test_of_trials_the_simplest_that_is_clearly_better_is_told(
 
     class Trials:
         interval = 1.0
-        is_none = low_passes._Trial.is_none
+        is_none, is_dead = low_passes._Trial.is_none, low_passes._Trial.is_dead
 
         def __init__(self, *_: object) -> None:
             pass

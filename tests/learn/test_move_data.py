@@ -172,6 +172,8 @@ def test_moves_that_do_not_begin_at_rest_are_left_out() -> None:
     rings = replace(log, z=log.z + swing[:, None] * np.array([1.0, 0.1, 0.0]))
     spikes = log.z.copy()
     spikes[[start - 20 for start in starts], :2] += (5.0, 0.5)
-    kept = {name: ex.prepare([one], RIG).start.size for name, one in
-            (("still", log), ("rings", rings), ("spikes", replace(log, z=spikes)))}  # fmt: skip
-    assert kept == {"still": 3, "rings": 2, "spikes": 3}
+    noise = np.random.default_rng(3).standard_normal(log.z.shape) * [1.5, 0.1, 0.0]
+    hum = np.sin(100.0 * np.pi * log.t)[:, None] * np.array([0.3, 0.02, 0.0])
+    logs = {"still": log.z, "rings": rings.z, "spikes": spikes, "noise": log.z + noise, "hum": log.z + hum}
+    kept = {name: ex.prepare([replace(log, z=z)], RIG).start.size for name, z in logs.items()}
+    assert kept == {"still": 3, "rings": 2, "spikes": 3, "noise": 3, "hum": 3}
