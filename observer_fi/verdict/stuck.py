@@ -16,7 +16,6 @@ DEAD_NATS, REPEATS, STEPS = 30.0, 0.5, 1.5
 EARLIER_S = (
     0.1  # by which a fault that has a name begins before a sensor gets stuck that has nothing to do with it
 )
-STANDS_STILL = "stands still to the last digit, which no sensor that works does"  # how its reason ends
 
 
 def of_a_stuck_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
@@ -28,12 +27,8 @@ def of_a_stuck_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
     named = event.label not in (NOMINAL, UNKNOWN, "sensor_fault")
     if named and event.onset_s is not None and event.onset_s < since[0] - EARLIER_S:
         return event
-    return of_dead_sensor(event, channel, since, f"the {channel} {STANDS_STILL}")
-
-
-def is_dead(event: Event) -> bool:
-    """Whether the event is that of a sensor that stands still to the last digit."""
-    return any(reason.endswith(STANDS_STILL) for reason in event.reasons)
+    why = f"the {channel} stands still to the last digit, which no sensor that works does"
+    return of_dead_sensor(event, channel, since, why)
 
 
 def stuck_since(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[float, float] | None:
@@ -61,7 +56,7 @@ def of_dead_sensor(event: Event, channel: str, onset: tuple[float, float], why: 
     """The event as that of a dead sensor. onset: the last sample before it, and its first one [s]."""
     known = (event.label, event.channel) == ("sensor_fault", channel)
     if known and event.onset_s is not None and event.onset_s > onset[0] - EARLIER_S:
-        return event._replace(onset_s=onset[1], onset_interval_s=onset, reasons=(why,))
+        return event._replace(onset_s=onset[1], onset_interval_s=onset)
     posterior = mostly("sensor_fault", event)
     return event._replace(
         label="sensor_fault", channel=channel, probability=posterior["sensor_fault"], posterior=posterior, alike=(),

@@ -5,7 +5,6 @@ from collections.abc import Container, Sequence
 from observer_fi.numerics import digits
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
 from observer_fi.records import Consistency, Event, Outcome
-from observer_fi.verdict.stuck import is_dead
 
 SAID = "this rig file does not describe this machine"
 FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
@@ -15,8 +14,8 @@ AT_ONCE_S = 4e-3  # after a start: no fault comes with the motion, but a wrong r
 
 
 _FROM_THE_START = (
-    f"{SAID}, or it, or a sensor, had failed before the log begins: from the instant it first moves nothing else fits. Learn the "
-    "rig from healthy moves with observer-fi identify; if it was learned, look at the actuator and its sensors"
+    f"{SAID}, or it had failed before the log begins: from the instant it first moves nothing that has a name fits. Learn the "
+    "rig from healthy moves with observer-fi identify; if it was learned, look at the actuator"
 )
 
 
@@ -26,13 +25,9 @@ def describes(outcome: Outcome) -> bool:
 
 
 def _from_the_start(verdict: Event) -> bool:
-    """Whether a fault without a name begins with the motion itself, or one of a sensor of which no rest has shown anything.
-
-    A winding or a servo that is not the rig file's makes voltage and current contradict the position from there on.
-    """
-    onset, electrical = verdict.onset_s, verdict.channel in ("voltage", "current") and not is_dead(verdict)
-    nameless = verdict.label == UNKNOWN or electrical
-    return nameless and onset is not None and onset - verdict.start_s <= AT_ONCE_S
+    """Whether a fault without a name begins with the motion itself."""
+    onset = verdict.onset_s
+    return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
 
 
 def _explained(verdict: Event, told: Container[float]) -> bool:
