@@ -40,7 +40,7 @@ def held_at_first(z: Array, w_cmd: Array, theta: Array, noise: Array) -> Held | 
     current = z[:still, 1][np.isfinite(z[:still, 1])]
     if current.size < START_READINGS:
         return None
-    # As doubtful as one reading: noise behind a filter is alike from sample to sample, and a mean of ten no better.
+    # As doubtful as one reading: noise behind a filter is alike from sample to sample, and ten of them tell no better.
     return Held(float(np.median(current)), math.sqrt(noise[1]), float(theta[0]))
 
 

@@ -212,5 +212,6 @@ def without(experiment: Experiment, fitted: FitResult, variant: Variant) -> FitR
 
 
 def inside(variant: Variant, values: dict[str, float]) -> dict[str, float]:
+    """Values of parameters, SI, those of the variant's terms within their bounds."""
     bounds = {t.parameter: (t.low, t.high) for t in variant.terms}
     return {n: min(max(v, bounds[n][0]), bounds[n][1]) if n in bounds else v for n, v in values.items()}

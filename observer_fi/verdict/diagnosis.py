@@ -259,11 +259,9 @@ class Diagnosis:
 
     def _ask_moves(self, events: Iterable[Event]) -> None:
         """The last word on moves that have ended, while their samples are at hand."""
-        healthy_before = False
         for event in events:
-            healthy_before |= event.label == NOMINAL
-            if event.start_s in self.told or (self.suspects and not healthy_before):
-                continue  # a unit or sign is told instead
+            if event.start_s in self.told or self._is_foreign(event):
+                continue
             doubting = self.last_word.doubting(event, self.memory)
             asked = self.last_word.needed(doubting)
             told = self.last_word.on(doubting, self.memory) if asked else event
@@ -273,6 +271,11 @@ class Diagnosis:
             told = self.with_room.on(told, self.memory, self.last_word.explained.get(event.start_s))
             if asked or told is not event:
                 self.told[event.start_s] = told
+
+    def _is_foreign(self, event: Event) -> bool:
+        """Whether a suspected unit or sign is told instead of what a move says: not where the rig file fits it or one before."""
+        before = (one for one in self.isolator.events if one.start_s < event.start_s)
+        return bool(self.suspects) and not any(one.label == NOMINAL for one in (event, *before))
 
     def _look_for_onsets(self, tracker: EventTracker) -> None:
         """Find the onset of a fault as soon as it has been certain for a while, while its samples are at hand."""

@@ -264,14 +264,14 @@ class EventTracker:
             return
         ours = np.where((e.probability[:left].argmax(axis=1) == 0)[:, None], e.normalised[:left], 0.0)
         self.drift.add(e.t[:left], ours, step)
-        if not e.density.size or self.stop_doubt is not None:
+        if not e.density.size:
             return
         gains = np.nan_to_num(e.density[:left] - e.density[:left, :1]).cumsum(axis=0) + self.stop_nats
         self.stop_nats = gains[-1]
         faults = self._faults()
         odds = np.log(np.maximum(p[faults], TINY) / max(float(p[0]), TINY)) + gains[:, faults]
         likely = np.flatnonzero((odds > np.log(self.settings.stop_odds)).any(axis=1))
-        if likely.size:
+        if likely.size and self.stop_doubt is None:
             self.stop_doubt = float(e.t[likely[0]])
 
     def _add_rest(self, nis: Array) -> None:

@@ -255,6 +255,20 @@ def test_a_wrong_unit_is_noted() -> None:
     assert not diagnose_log(move(3, "nominal"), RIG, SETTINGS).log.notes
 
 
+def test_what_the_rig_file_has_fitted_once_is_asked_though_a_unit_is_suspected(
+    long_log: tuple[Log, dict], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An odd size says that the rig file is another machine's only where no move says otherwise."""
+    monkeypatch.setattr("observer_fi.verdict.diagnosis.suspect_units", lambda *_: ("the current is odd",))
+    log, truth = long_log
+    faulty = round((truth["moves"][4]["start_s"] - 0.3) * 1600)
+    for first, asked in ((0, True), (faulty, False)):
+        run = Diagnosis(RIG, SETTINGS)
+        run.add(part_of(log, first, log.t.size))
+        last = run.isolator.result().events[-1]
+        assert last.label != "nominal" and (not run._is_foreign(last)) == asked
+
+
 # --- a servo that nobody knows -------------------------------------------------------------------
 
 

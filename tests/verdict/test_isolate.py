@@ -235,6 +235,17 @@ def test_a_rest_never_overturns_a_fault() -> None:
     assert isolated(e).verdict.label == "overload"
 
 
+def test_of_two_sensors_that_explain_a_rest_the_whole_stop_chooses_whatever_the_chunks() -> None:
+    e = sensor_at_rest(28.0, 3.0)
+    stop = np.flatnonzero(~e.active & (e.t > 0.5))
+    e.nis[stop, 5] = 3.0  # the current's sensor explains the rest as well
+    e.density[stop[:10], 1] = 5.0  # first a fault is likely and the position's sensor better,
+    e.density[stop[:10], 6] = 1.0
+    e.density[stop[10:30], 5] = 1.0  # then that of the current
+    for cuts in ((), range(stop[0], stop[-1]), (int(stop[12]),)):
+        assert isolated(e, *cuts).verdict.channel == "current"
+
+
 def test_one_wild_sample_of_a_rest_counts_ten_times_at_most() -> None:
     e = sensor_at_rest(3.0, 3.0)
     e.nis[-1] = 1e9
