@@ -43,6 +43,7 @@ from observer_fi.verdict.isolate import (
     tested,
 )
 from observer_fi.verdict.last_word import LastWord
+from observer_fi.verdict.logger.as_followed import as_followed, better, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.moves.naming import FAR
@@ -53,7 +54,7 @@ from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import Testable, untested
-from observer_fi.verdict.wrong_rig import wrong_rig
+from observer_fi.verdict.wrong_rig import or_never_fitted, wrong_rig
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
@@ -107,7 +108,13 @@ def diagnose(
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
         "rejected_count": whole.rejected_count, "notes": tuple(notes),
     }  # fmt: skip
-    return run.outcome(log_name(path), facts)
+    outcome = run.outcome(log_name(path), facts)
+    log = as_followed(read_log(path, columns), rig) if recovered is None and is_odd(outcome) else None
+    if log is None:
+        return outcome
+    again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+    again.add_all(_pieces(log, progress))
+    return better(outcome, again.outcome(log_name(path), {**facts, "notes": log.notes}))
 
 
 def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
@@ -133,7 +140,18 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
-    log = with_command(log, rig)
+    outcome, estimate = _judged(with_command(log, rig), rig, settings, engine, filter_kind)
+    followed = as_followed(log, rig) if is_odd(outcome) else None
+    if followed is not None:
+        other, told = _judged(followed, rig, settings, engine, filter_kind)
+        found = better(outcome, other)
+        return found, estimate if found is outcome else told
+    return outcome, estimate
+
+
+def _judged(
+    log: Log, rig: Rig, settings: Settings, engine: str, filter_kind: str
+) -> tuple[Outcome, Estimate]:
     run = Diagnosis(rig, settings, engine, filter_kind)
     estimate = run.add(log)
     facts = {
@@ -349,7 +367,9 @@ class Diagnosis:
         ):  # a known servo tells its motor
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
-        events = tuple(handed_on(list(map(isolated_again, finished, found.events))))
+        isolated = list(map(isolated_again, finished, found.events))
+        isolated[:1] = map(or_never_fitted, isolated[:1])
+        events = tuple(handed_on(isolated))
         verdict = log_verdict(list(events))
         foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.explained)
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)

@@ -16,6 +16,7 @@ DEAD_NATS, REPEATS, STEPS = 30.0, 0.5, 1.5
 EARLIER_S = (
     0.1  # by which a fault that has a name begins before a sensor gets stuck that has nothing to do with it
 )
+STANDS_STILL = "stands still to the last digit, which no sensor that works does"
 
 
 def of_a_stuck_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
@@ -27,7 +28,7 @@ def of_a_stuck_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
     named = event.label not in (NOMINAL, UNKNOWN, "sensor_fault")
     if named and event.onset_s is not None and event.onset_s < since[0] - EARLIER_S:
         return event
-    why = f"the {channel} stands still to the last digit, which no sensor that works does"
+    why = f"the {channel} {STANDS_STILL}"
     return of_dead_sensor(event, channel, since, why)
 
 

@@ -5,13 +5,20 @@ from collections.abc import Container, Sequence
 from observer_fi.numerics import digits
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
 from observer_fi.records import Consistency, Event, Outcome
+from observer_fi.verdict.stuck import STANDS_STILL
 
 SAID = "this rig file does not describe this machine"
 FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
 FAR_UNKNOWN = 4.0  # the same where the free hypothesis itself has won
 CLEAN_S = 0.05  # of motion before a fault that nominal explains: on a wrong rig it explains none
 AT_ONCE_S = 4e-3  # after a start: no fault comes with the motion, but a wrong rig does
-
+FIRST_START_S = (
+    0.06  # of a log, in which a sensor that fails is not told from one that was never what the rig file says
+)
+_OR_NEVER_WAS = (
+    "the channel contradicts the others from the log's first motion on, so that it may as well be read, scaled or filtered "
+    "in another way than the rig file says, of a healthy actuator: a log that begins with a healthy move tells"
+)
 
 _FROM_THE_START = (
     f"{SAID}, or it had failed before the log begins: from the instant it first moves nothing that has a name fits. Learn the "
@@ -28,6 +35,23 @@ def _from_the_start(verdict: Event) -> bool:
     """Whether a fault without a name begins with the motion itself."""
     onset = verdict.onset_s
     return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
+
+
+def or_never_fitted(event: Event) -> Event:
+    """The first event of a log, of a sensor that did not fit from its first motion on shared with health; not one that stands."""
+    at_once = event.onset_s is not None and event.onset_s - event.start_s <= FIRST_START_S
+    stuck = any(STANDS_STILL in reason for reason in event.reasons)
+    if event.label != "sensor_fault" or not at_once or stuck:
+        return event
+    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, "sensor_fault": 0.5}
+    alike = tuple(dict.fromkeys((*event.alike, NOMINAL)))
+    return event._replace(
+        probability=0.5,
+        posterior=posterior,
+        alike=alike,
+        isolated_s=None,
+        reasons=(*event.reasons, _OR_NEVER_WAS),
+    )
 
 
 def _explained(verdict: Event, told: Container[float]) -> bool:

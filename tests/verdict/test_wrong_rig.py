@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import hidden
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -101,3 +102,20 @@ def test_a_failed_sensor_that_the_whole_move_explains_is_of_this_machine() -> No
     assert wrong_rig(late, (late,), consistency, ()) and not wrong_rig(late, (late,), consistency, (), (0.4,))
     for other in (late._replace(label="unknown", channel=None), late._replace(onset_s=0.41)):
         assert wrong_rig(other, (other,), consistency, (), (0.4,))
+
+
+@pytest.mark.parametrize("channel", ["voltage_v", "current_a"])
+def test_a_channel_that_never_fitted_is_not_surely_a_sensor_that_failed(channel: str) -> None:
+    """Healthy, through a gain that is off, or with noise that comes with the motion, from the first sample on."""
+    frame, _ = hidden.make_log(hidden.draw_move_case(41_204, "nominal"), 41_204)
+    if channel == "voltage_v":
+        frame[channel] *= 1.03
+    else:
+        frame[channel] += np.random.default_rng(1).normal(0.0, 3e-3, len(frame)) * (
+            frame["voltage_v"].abs() > 1.0
+        )
+    found = diagnose_log(log_from_frame(frame), RIG, Settings()).isolation
+    assert found is not None
+    verdict = found.verdict
+    assert verdict.label == "nominal" or not verdict.probability > 0.95
+    assert verdict.label != "sensor_fault" or (verdict.alike == ("nominal",) and verdict.isolated_s is None)

@@ -1,0 +1,72 @@
+"""Whether a servo followed the command that was logged beside it.
+
+A command may be logged late, held, rounded, before the drive makes a ramp of it, or from a noisy line. The bank takes it for
+what the servo was told, to the sample; then the servo itself says what it was told, as where no command was logged.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.logs import recover_command
+from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
+from observer_fi.records import Array, Log, Outcome
+
+AROUND_S = 0.02  # of a ramp: the servo's ringing, or a command that comes later
+LEVEL_S = 0.2  # of the speed behind it
+SAME_LEVEL = 0.025  # relative: what rounding does; a sensor or a rig file that is off shifts the speed itself
+SHAPE = 0.0015  # of the level, mean over the ramp: several times what recovering a clean command leaves
+NO_FAULT_OF_IT = ("sensor_fault", UNKNOWN, NOT_TESTED)  # of the actuator
+EXPLAINED = 1.5  # times the expected NIS
+NOT_FOLLOWED = (
+    "speed_cmd_rad_s is not what the servo followed: it is late, held, rounded, or not yet the ramp that the drive made of it; "
+    "it was recovered from voltage and current instead. Log the command that the servo follows, with the other columns"
+)
+
+
+def as_followed(log: Log, rig: Rig) -> Log | None:
+    """`log` with the command that its servo followed, where its first start shows that this is not the logged one."""
+    if rig.driven.command is not None or not rig.watched.servo or not np.isfinite(log.w_cmd).any():
+        return None
+    try:
+        told = recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model)
+    except InvalidLogError:
+        return None
+    if not _differs(log, told.w_cmd):
+        return None
+    return replace(told, notes=(*log.notes, NOT_FOLLOWED))
+
+
+def _differs(log: Log, w_cmd: Array) -> bool:
+    """Whether the first start of the logged command has another shape than `w_cmd` (n,), on the way to the same speed."""
+    way = np.abs(w_cmd)
+    moving = np.flatnonzero(way > 0.0)
+    if not moving.size or moving[0] == 0:
+        return False
+    first = int(moving[0])
+    top = first + int(np.argmax(np.diff(way[first:], append=-1.0) <= 0.0))
+    around, level = round(AROUND_S * log.rate_hz), round(LEVEL_S * log.rate_hz)
+    there = slice(top + around, top + around + level)
+    logged, recovered = np.nanmedian(log.w_cmd[there]), np.median(w_cmd[there])
+    if not abs(logged - recovered) <= SAME_LEVEL * abs(recovered):
+        return False
+    ramp = slice(max(first - around, 0), top + around)
+    return bool(np.nanmean(np.abs(log.w_cmd[ramp] - w_cmd[ramp])) > SHAPE * abs(recovered))
+
+
+def is_odd(outcome: Outcome) -> bool:
+    """Whether a log has no healthy first move and no verdict on the actuator itself."""
+    found = outcome.isolation
+    if found is None or (found.events and found.events[0].label == NOMINAL):
+        return False
+    return found.verdict.label in NO_FAULT_OF_IT or bool(found.verdict.alike)
+
+
+def better(one: Outcome, two: Outcome) -> Outcome:
+    """`two`, the outcome with the command that was followed, where a hypothesis of the actuator explains that log, else `one`."""
+    found = two.isolation
+    if found is None or found.verdict.label in NO_FAULT_OF_IT:
+        return one
+    fits = found.consistency.nis_mean <= EXPLAINED * found.consistency.nis_expected
+    return replace(two, warnings=(NOT_FOLLOWED, *two.warnings)) if fits else one

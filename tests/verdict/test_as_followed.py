@@ -1,0 +1,77 @@
+"""A command that the servo did not follow: late, held, rounded, noisy, or without its ramp."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden import draw_failing_case, draw_move_case, make_log, write_log
+
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig
+from observer_fi.records import Log
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose, diagnose_log
+from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed
+
+RIG, SETTINGS = load_rig(), Settings()
+CLASSES = ("nominal", "overload", "coupling_loss")
+Spoil = Callable[[Log, int], np.ndarray]
+
+SPOILT: dict[str, Spoil] = {
+    "late": lambda log, seed: np.interp(log.t - 0.01 - 0.03 * (seed % 2), log.t, log.w_cmd),
+    "held": lambda log, seed: np.interp(np.floor(log.t * (15 + seed % 40)) / (15 + seed % 40), log.t, log.w_cmd),
+    "without its ramp": lambda log, _: np.sign(log.w_cmd) * np.abs(log.w_cmd).max(),
+    "rounded": lambda log, seed: np.round(log.w_cmd / (8.0 + seed % 5)) * (8.0 + seed % 5),
+    "noisy": lambda log, seed: log.w_cmd + np.random.default_rng(seed).normal(0.0, 2.0, log.t.size),
+}  # fmt: skip
+
+
+def spoilt(kind: str, seed: int) -> Log:
+    frame, _ = make_log(draw_move_case(seed, CLASSES[seed % 3]), seed)
+    log = log_from_frame(frame)
+    return replace(log, w_cmd=SPOILT[kind](log, seed))
+
+
+def said_of(kind: str, seed: int) -> tuple[str, bool]:
+    outcome = diagnose_log(spoilt(kind, seed), RIG, SETTINGS)
+    assert outcome.isolation is not None
+    return outcome.isolation.verdict.label, NOT_FOLLOWED in outcome.warnings
+
+
+@pytest.mark.parametrize(("kind", "seed"), zip(SPOILT, range(41_000, 41_005), strict=True))
+def test_what_the_servo_followed_is_asked_of_the_servo(kind: str, seed: int) -> None:
+    assert said_of(kind, seed)[0] == CLASSES[seed % 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SPOILT)
+def test_whatever_was_logged_for_the_command(kind: str) -> None:
+    seeds = range(41_100, 41_109)
+    said = [said_of(kind, seed) for seed in seeds]
+    assert sum(label == CLASSES[seed % 3] for (label, _), seed in zip(said, seeds, strict=True)) >= 8
+    assert any(told for _, told in said)
+
+
+def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
+    frame, _ = make_log(draw_move_case(41_004, "overload"), 41_004)
+    command = frame["speed_cmd_rad_s"]
+    frame["speed_cmd_rad_s"] = np.sign(command) * command.abs().max()
+    outcome = diagnose(write_log(frame, tmp_path / "move.csv"), RIG, SETTINGS)
+    assert outcome.isolation is not None and outcome.isolation.verdict.label == "overload"
+    assert NOT_FOLLOWED in outcome.warnings and NOT_FOLLOWED in outcome.log.notes
+
+
+@pytest.mark.parametrize("seed", range(41_010, 41_013))
+def test_a_command_that_is_followed_is_left_alone(seed: int) -> None:
+    frame, _ = make_log(draw_move_case(seed, CLASSES[seed % 3]), seed)
+    assert as_followed(log_from_frame(frame), RIG) is None
+
+
+@pytest.mark.parametrize("kind", ["bias", "gain", "drift", "frozen"])
+def test_a_voltage_that_fails_is_no_command_that_was_not_followed(kind: str) -> None:
+    frame, _ = make_log(draw_failing_case(41_020, kind, "voltage", 3.0), 41_020)
+    outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
+    assert outcome.isolation is not None and outcome.isolation.verdict.label != "nominal"
+    assert NOT_FOLLOWED not in outcome.warnings
