@@ -111,7 +111,9 @@ class ChannelTraits(NamedTuple):
     reading at rest; neighbour_std: standard deviation of the noise by which a reading differs from the one before;
     repeats: share of readings at rest that repeat the one before, though no hold is known; grown: by what the noise of
     the last rest is more than that of the first; travel: largest less smallest reading of the log; low_pass_hz: corner of a
-    filter before the readings that was taken out of them, None where there is none.
+    filter before the readings that was taken out of them, None where there is none; hold_s: how long a reading stands at
+    most that is held unevenly [s], None of others; moving: by what its noise is more in motion than at rest;
+    read: share of the rows that have a reading.
     """
 
     noise_std: float
@@ -128,6 +130,9 @@ class ChannelTraits(NamedTuple):
     grown: float = 1.0
     travel: float = math.inf
     low_pass_hz: float | None = None
+    hold_s: float | None = None
+    moving: float = 1.0
+    read: float = 1.0
 
 
 class Clock(NamedTuple):
@@ -276,7 +281,7 @@ class Filter(NamedTuple):
 class Fit:
     """A rig learned from logs: values, their correlation (k, k), what could not be identified and what to record.
 
-    filters: that the logger has before its readings, as the logs show them.
+    filters: that the logger has before its readings, as the logs show them. warnings: what the rig's equations leave out.
     """
 
     parameters: tuple[Parameter, ...]
@@ -286,6 +291,7 @@ class Fit:
     rmse: dict[str, float]
     figures: dict[str, Any] = field(default_factory=dict)
     filters: tuple[Filter, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

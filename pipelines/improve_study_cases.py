@@ -13,7 +13,7 @@ from observer_fi.improve import Improvement, improve
 from observer_fi.learn import nll_per_sample, prepare, whitened
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import CAUSES, load_rig
-from observer_fi.records import Log
+from observer_fi.records import Array, Log
 
 PAIRS = (
     ("viscous_friction", "backlash"),
@@ -25,6 +25,7 @@ PAIRS = (
     ("shaft_ripple", "current_offset"),
     ("input_delay", "voltage_offset"),
 )
+READINGS = ["voltage_v", "current_a", "position_m"]
 RIGS = ("rig_file", "refit", "extended")  # asked about measured moves that no fit saw
 HANDED = "the one handed over"
 
@@ -54,7 +55,7 @@ def run_case(case: Case) -> dict[str, Any]:
     seconds = time.process_time() - began
     sets = [[f.cause, *f.indistinguishable_from] for f in record.findings]
     smooth = [[u.equation, u.regressor] for u in record.unexplained]
-    clean = log_from_frame(hidden.make_log(hidden.without_noise(spec), case.seed)[0])
+    clean = hidden.make_log(hidden.without_noise(spec), case.seed)[0][READINGS].to_numpy()
     row: dict[str, Any] = {
         "causes": list(case.causes),
         "size": case.size,
@@ -76,16 +77,16 @@ def run_case(case: Case) -> dict[str, Any]:
     return row
 
 
-def _gain_share(record: Improvement, noisy: Log, clean: Log) -> float | None:
+def _gain_share(record: Improvement, noisy: Log, clean: Array) -> float | None:
     """Gain on held-out moves over that of the truth itself, which leaves nothing but this log's noise.
 
-    What is noise is told from the logs: a log without any looks like one whose readings are held, and loses rows to fits.
+    clean: (n, 3) the same readings without noise, as the truth made them: a log of them would be taken for one of held readings.
     """
     if not record.findings:
         return None
     experiment = prepare([noisy], record.rig)
     rows = np.searchsorted(noisy.t, experiment.t)
-    noise = np.where(experiment.weight > 0.0, (noisy.z - clean.z)[rows], 0.0) * experiment.weight
+    noise = np.where(experiment.weight > 0.0, (noisy.z - clean)[rows], 0.0) * experiment.weight
     possible = record.baseline.nll_per_sample - nll_per_sample(experiment, whitened(experiment, noise))
     won = record.baseline.nll_per_sample - record.extended.nll_per_sample
     return won / possible if possible > 0.0 else None

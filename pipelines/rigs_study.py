@@ -69,7 +69,9 @@ def _from_sheet(actuator: hidden.Actuator) -> Rig:
 def _learned(actuator: hidden.Actuator) -> Rig:
     rig = _from_sheet(actuator)
     log = _campaign(actuator, rig)
-    return with_equation_errors(with_logger(identified_rig(identify([log], rig), rig), [log]), [log])
+    found = identified_rig(identify([log], rig), rig)
+    log = with_command(log, found)
+    return with_equation_errors(with_logger(found, [log]), [log])
 
 
 def _campaign(actuator: hidden.Actuator, rig: Rig) -> Log:

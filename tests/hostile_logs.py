@@ -229,7 +229,8 @@ FIELDS = (
     Scenario(
         "the header again",
         _spoilt(lambda rows: rows.insert(700, list(COLUMNS))),
-        error="'time_s' is not a number",
+        rejected=1,
+        samples=1600,
     ),
     Scenario(
         "a header of 200 KB",
@@ -280,13 +281,13 @@ NUMBERS = (
             "1e",
             "1.2.3",
             "+",
-            "1 000",
             "0.1A",
             "TRUE",
             "=1/3",
-            "1d5",
         )
     ),
+    Scenario("a thousand in groups", _spoilt(put(3, 2, "1 000")), samples=1600),
+    Scenario("Fortran's exponent", _spoilt(put(3, 2, "1d5")), rejected=1, samples=1600),
     Scenario("1e400", _spoilt(put(3, 2, "1e400")), rejected=1, samples=1600),
     Scenario("400 digits", _spoilt(put(3, 2, "1" * 400)), rejected=1, samples=1600),
     Scenario("-Infinity", _spoilt(put(3, 2, "-Infinity")), rejected=1, samples=1600),

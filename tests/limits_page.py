@@ -4,10 +4,11 @@ from pathlib import Path
 
 from observer_fi import settings
 from observer_fi.bank import log_feed
-from observer_fi.improve import simulated_moves
+from observer_fi.improve.moves import simulated_moves
 from observer_fi.learn import move_data
-from observer_fi.logs import acquisition, cleaning, columns, ingest, line_parser, tables
+from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
 from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
+from observer_fi.logs.logger import acquisition, holds
 from observer_fi.physics import PARAMETERS, rig_file
 from observer_fi.verdict.logger import lateness, low_pass
 
@@ -116,7 +117,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
         ),
         (
             "rate of held readings",
-            f"{acquisition.TICKS} of them in those samples, half as many at rest and in steady motion",
+            f"{holds.TICKS} of them in those samples, half as many at rest and in steady motion",
             "not told; a position at 5 Hz has no kink that tells a lost coupling from a slow start",
         ),
         (

@@ -299,7 +299,7 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("holes in command", _spoilt(_set_many(5, {1: "", 800: "", 1600: ""})), rejected=3),
     Scenario("no times", _spoilt(_set_many(0, {1: "", 2: "nan", 700: "inf", 1600: ""})), rejected=4),
     Scenario("repeated row", _spoilt(_repeat(1, 800, 1600)), rejected=3, samples=1603),
-    Scenario("coarse clock", _spoilt(_coarse_clock), rejected=600, notes=("too few digits",), label=None),
+    Scenario("coarse clock", _spoilt(_coarse_clock), notes=("several at a time",), label=None),
     Scenario("jitter", _spoilt(_jitter), notes=("off by more than",), label=None),
     Scenario("stuck sensor", _spoilt(_stuck_position), label=None),
     Scenario("current in mA under A", _spoilt(_scaled(2, 1e3)), label="not_tested"),

@@ -8,7 +8,7 @@ import pytest
 from observer_fi.improve import improve
 from observer_fi.improve.improvement import findings_of
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.simulated_moves import simulated_moves
+from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.learn import campaign_filters, with_servo
 from observer_fi.logs import log_from_frame, unfiltered
 from observer_fi.physics import PARAMETERS, load_rig

@@ -48,3 +48,17 @@ def test_rooms_are_entered_by_what_they_offer(path: Path) -> None:
         parts = module.split(".")
         if parts[0] == PACKAGE.name and len(parts) > 2:
             assert parts[1] == room_of(path), f"{module}: import it from observer_fi.{parts[1]}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_modules_of_a_room_import_one_way(room: str) -> None:
+    """Peels off modules that import none of those left; what cannot be peeled off is a circle."""
+    below = {module_of(path): set(imported_modules(path)) for path in (PACKAGE / room).rglob("*.py")}
+    left = {name: below[name] & below.keys() - {name} for name in below}
+    while free := {name for name, needed in left.items() if not needed}:
+        left = {name: needed - free for name, needed in left.items() if name not in free}
+    assert not left
+
+
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)

@@ -68,7 +68,7 @@ def run_identify(args: argparse.Namespace) -> int:
         too_many_moves,
         with_equation_errors,
     )
-    from observer_fi.logs import filtered_logger, with_logger
+    from observer_fi.logs import filtered_logger, with_command, with_logger
     from observer_fi.physics import load_rig
     from observer_fi.report import folder_name, identify_files, identify_json, write_result
 
@@ -80,9 +80,13 @@ def run_identify(args: argparse.Namespace) -> int:
         fit = identify(logs, rig)
         tell("what the fit leaves")
         by_phase = residuals_by_phase(logs, fit, rig)
-        logged = filtered_logger(with_logger(identified_rig(fit, rig), logs), fit.filters)
+        found = identified_rig(fit, rig)
+        logs = [with_command(log, found) for log in logs] if found.driven.motor else logs
+        logged = filtered_logger(with_logger(found, logs), fit.filters)
         learned = with_equation_errors(logged, logs, fit.filters)
     _tell_filters(fit.filters)
+    for warning in fit.warnings:
+        complain(warning)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
     still = still_figures(args, fit)
     folder = write_result(args.out, name, _made("identify", logs), {**files, **still})

@@ -1,7 +1,7 @@
 """What the simulation gets wrong: its name, the extended model, and what it gains on moves never fitted."""
 
-from observer_fi.improve.calculated_force import CalculatedForce, calculated_force
 from observer_fi.improve.diagnosis_gain import DiagnosisGain, diagnosis_gain, measure_diagnosis_gain
+from observer_fi.improve.force.calculated_force import CalculatedForce, calculated_force
 from observer_fi.improve.freed.freed_equations import CLOSE_ALIKE, CLOSE_SHARE, LOOKS_LIKE, WANTED_NATS
 from observer_fi.improve.freed.smoothed_disturbance import (
     DRAWN,
@@ -20,11 +20,11 @@ from observer_fi.improve.improvement import (
     to_json,
 )
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.problem import Ladder
+from observer_fi.improve.moves.rig_refit import base_parameters
+from observer_fi.improve.moves.screening import coverage_of, free_of, start_values
+from observer_fi.improve.moves.simulated_moves import MOST_ROWS
 from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.screening import coverage_of, free_of, start_values
-from observer_fi.improve.simulated_moves import MOST_ROWS, base_parameters
-from observer_fi.improve.unexplained import Smooth
+from observer_fi.improve.steps import Ladder, Smooth
 
 __all__ = [
     "BinnedDisturbance",

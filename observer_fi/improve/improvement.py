@@ -6,16 +6,17 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from observer_fi.errors import UsageError
-from observer_fi.improve.calculated_force import calculated_force
+from observer_fi.improve.force.calculated_force import calculated_force
 from observer_fi.improve.freed.freed_equations import FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
-from observer_fi.improve.keep_curve import Kept
 from observer_fi.improve.ladder import name_causes
+from observer_fi.improve.moves.judgement import MoveSettings
+from observer_fi.improve.moves.keep_curve import Kept
+from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
-from observer_fi.improve.problem import Candidate, F, Ladder, Measure, Problem, Step
+from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
-from observer_fi.improve.simulated_moves import MoveSettings, simulated_moves
-from observer_fi.improve.unexplained import Smooth
+from observer_fi.improve.steps import Candidate, F, Ladder, Measure, Smooth, Step
 from observer_fi.learn import Experiment, FitResult, campaign_filters, with_servo
 from observer_fi.logs import Excitation, filtered_logger, on_its_clock, unfiltered, with_command, with_logger
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve

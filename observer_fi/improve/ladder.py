@@ -7,7 +7,8 @@ others. The columns, the fit and the rule for what is held out belong to the pro
 
 from collections.abc import Callable, Sequence
 
-from observer_fi.improve.problem import Candidate, F, Ladder, Problem, Step, Trial
+from observer_fi.improve.problem import Problem
+from observer_fi.improve.steps import Candidate, F, Ladder, Step, Trial
 
 
 def name_causes(problem: Problem[F], progress: Callable[[str], None] = lambda text: None) -> Ladder[F]:

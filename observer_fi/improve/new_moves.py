@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.improve.problem import Ladder
-from observer_fi.improve.simulated_moves import SimulatedMoves
+from observer_fi.improve.moves.simulated_moves import SimulatedMoves
+from observer_fi.improve.steps import Ladder
 from observer_fi.learn import FitResult, without_moves
 from observer_fi.logs import SET_UP_DEG, moves_from_rest, settling_time
 from observer_fi.physics import NOMINAL, Rig, with_values
@@ -20,7 +20,8 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import describes, diagnose_log
 
 MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
-SHOWN = 4  # moves that every rig is asked about, for the record
+SHOWN = 4  # moves that every rig is asked about, for the record,
+ALARMS = 2  # or this many false alarms: a move in doubt takes a second or two of the processor
 _TOGETHER = 2  # moves asked at once: filters leave the interpreter's lock
 _REST_S = 1.0  # of the rests around a move
 _SHORTEST_S = 0.1  # of the rest before a move: tells the noise
@@ -92,7 +93,7 @@ def counted(
             count = Count(0, 0)
             for first in range(0, len(parts), _TOGETHER):
                 beaten = least is not None and count.false_alarms + 1 >= least
-                if beaten and count.moves >= SHOWN:
+                if beaten and (count.moves >= SHOWN or count.false_alarms >= ALARMS):
                     break
                 asked = spread[first : first + _TOGETHER]
                 alarms = pool.map(is_alarm, [part for _, part in asked], [rig(m) for m, _ in asked])

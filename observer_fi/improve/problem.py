@@ -1,105 +1,19 @@
-"""What the ladder of causes asks of a kind of drive, and the records that pass between the two.
+"""What the ladder of causes asks of a kind of drive.
 
 A problem knows how the equations of a rig are fitted to its logs, which columns a cause adds, and what counts as held out.
-There are two: moves that are simulated (`simulated_moves.py`), and a force that is calculated from the motion
-(`calculated_force.py`).
+There are two: moves that are simulated (`moves/`), and a force that is calculated from the motion (`force/`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
+from typing import Protocol
 
+from observer_fi.improve.freed.freed_equations import FreedEquation
+from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
+from observer_fi.improve.moves.keep_curve import Kept
+from observer_fi.improve.residual_tables import Residuals
+from observer_fi.improve.steps import Candidate, F, HeldOut, Ladder, Measure, Smooth, Step, Trial
 from observer_fi.logs import Excitation
-from observer_fi.physics import Cause, Rig, Variant
-
-if TYPE_CHECKING:
-    from observer_fi.improve.freed.freed_equations import FreedEquation
-    from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
-    from observer_fi.improve.keep_curve import Kept
-    from observer_fi.improve.residual_tables import Residuals
-    from observer_fi.improve.unexplained import Smooth
-
-F = TypeVar("F")  # what a fit of the problem is
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One variant of a cause with its score beside a fit, before anything is refitted.
-
-    gain: nats that the linearised terms gain; net: less what its parameters and the choice cost. size: its linear estimate by
-    name. detectable: smallest size that would stand out in these logs by name, infinite where they cannot show it.
-    """
-
-    cause: Cause
-    variant: Variant
-    gain: float
-    net: float
-    size: dict[str, float]
-    detectable: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Trial(Generic[F]):
-    """One candidate, or two of which each hides the other, fitted with everything else.
-
-    gain: nats that the fit gains. nets: of each candidate, less what its parameters and the choice cost, of a pair with the
-    other in place.
-    """
-
-    candidates: tuple[Candidate, ...]
-    fitted: F
-    gain: float
-    nets: tuple[float, ...]
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """Names of the causes."""
-        return tuple(c.cause.name for c in self.candidates)
-
-
-class HeldOut(NamedTuple):
-    """What samples gain that a fit never saw: nats a sample, and rmse after over before by channel."""
-
-    drop: float
-    ratio: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Step(Generic[F]):
-    """One accepted trial. rivals: by cause, the names of those that these logs cannot tell from it."""
-
-    trial: Trial[F]
-    held_out: HeldOut
-    rivals: dict[str, tuple[str, ...]]
-
-
-@dataclass(frozen=True)
-class Ladder(Generic[F]):
-    """What the ladder found: the refitted rig, the fit with every accepted cause, and the steps in order.
-
-    path: the fit after each step as it was accepted. refused: what was tried last, with its net nats. screened: the scores
-    of the last round, best first.
-    """
-
-    baseline: F
-    extended: F
-    steps: tuple[Step[F], ...]
-    path: tuple[F, ...]
-    refused: tuple[tuple[str, float], ...]
-    screened: tuple[Candidate, ...]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """How well a model explains what it was not fitted to. rmse: A, m, rad/s, N. whiteness_p: per channel.
-
-    noise_floor_nll: what a model that is right would leave, of the noise alone.
-    """
-
-    nll_per_sample: float
-    rmse: dict[str, float]
-    whiteness_p: dict[str, float]
-    noise_floor_nll: float
+from observer_fi.physics import Rig
 
 
 class Problem(Protocol[F]):
@@ -164,16 +78,16 @@ class Problem(Protocol[F]):
     def doubt(self, fitted: F, parameter: str, std: float) -> float:
         """Standard error of an effect's size, with what the model leaves out."""
 
-    def tables(self, fitted: F) -> "Residuals":
+    def tables(self, fitted: F) -> Residuals:
         """Residuals of a fit from every side."""
 
-    def unexplained(self, ladder: Ladder[F]) -> "tuple[Smooth, ...]":
+    def unexplained(self, ladder: Ladder[F]) -> tuple[Smooth, ...]:
         """What the extended model still depends on, the best first."""
 
-    def freed(self, baseline: F) -> "tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]":
+    def freed(self, baseline: F) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
         """Which equations the data want to free, and what that looks like; empty where nothing is simulated."""
 
-    def kept(self, fitted: F, left: "Sequence[Smooth]") -> "tuple[F, Kept] | None":
+    def kept(self, fitted: F, left: Sequence[Smooth]) -> tuple[F, Kept] | None:
         """What stays unexplained as an empirical curve of the rig, if it helps. Raises UsageError where it cannot."""
 
     def extended_rig(self, ladder: Ladder[F]) -> Rig:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer_fi.improve.unexplained import motion_regressors, regressors
+from observer_fi.improve.force.force_dependence import motion_regressors
+from observer_fi.improve.moves.unexplained import regressors
 from observer_fi.learn import Experiment, FitResult, Motion, Solution, held_out, run
 from observer_fi.logs import mean_square_by_phase
 from observer_fi.physics import Rig

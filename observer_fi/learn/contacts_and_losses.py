@@ -74,6 +74,8 @@ def find_breaks(log: Log, moves: Sequence[Segment], model: Model, position_std: 
     pressed = [b for b in bends if loss is None or b.row < loss]
     sides = {side: [b.x for b in pressed if _side(b) == side] for side in (1.0, -1.0)}
     high, low = (float(np.median(sides[s])) if sides[s] else None for s in (1.0, -1.0))
+    if high is not None and low is not None and low >= high:  # play, which bends every start
+        return Breaks(None, None, loss)
     return Breaks(high, low, loss)
 
 

@@ -11,7 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
-from observer_fi.logs import Readings, acquisition_of, unfiltered, with_command, without_spikes
+from observer_fi.logs import (
+    Readings,
+    acquisition_of,
+    unfiltered,
+    with_command,
+    without_means,
+    without_spikes,
+)
 from observer_fi.physics import Rig
 from observer_fi.records import Estimate, Filter, Log
 from observer_fi.settings import BankSettings
@@ -49,6 +56,7 @@ def with_equation_errors(rig: Rig, logs: Sequence[Log], filters: Sequence[Filter
 def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:
     """The begin of a log as filters may take it, and the rig as its logger shows it."""
     log = with_command(log, rig).part(slice(0, LONGEST))
+    log = without_means(log)
     acquisition = acquisition_of(log, rig.file_noise_std)
     known = replace(rig, logger=acquisition)
     fresh = Readings(acquisition, log.rate_hz, known.noise_std).take(log)

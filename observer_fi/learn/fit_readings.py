@@ -1,7 +1,8 @@
 """Readings as fits may take them: each one that says something new, with the noise by which it counts.
 
 Residuals of a fit are taken for white. A held reading counts at its ticks, a coarse one that stands ever more rarely
-(`logs.readings`), and a channel whose noise is not white, or comes in steps, counts as the white noise that says as little.
+(`logs.logger.readings`), and a channel whose noise is not white, or comes in steps, counts as the white noise that says as
+little.
 """
 
 import math
@@ -20,6 +21,7 @@ from observer_fi.logs import (
     even,
     timing_doubt,
     without_lines,
+    without_means,
     without_spikes,
 )
 from observer_fi.numerics import runs
@@ -61,6 +63,9 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig, filters: Sequence[Filter] = (
             hum += lines
             log = without_lines(log, acquisition)
             acquisition = acquisition_of(log, rig.file_noise_std)
+        taken_apart = without_means(log)
+        if taken_apart is not log:
+            log, acquisition = taken_apart, acquisition_of(taken_apart, rig.file_noise_std)
         white = _settled_noise(log)
         channels = zip(acquisition[:3], white.tolist(), strict=True)
         estimates.append([noise if _plain(channel) else channel.as_white for channel, noise in channels])

@@ -108,20 +108,25 @@ def search(
     nuisance: Array,
     iterations: int = _ITERATIONS,
     worth: float = _DONE,
+    goal: float = math.inf,
 ) -> Found:
     """Gauss-Newton with step halving from `values` on, until a step gains less than `worth` [nats].
 
+    goal: an objective; the search ends where steps that gain as much as the better of the last two would not come there.
     Rests that were dragged to another branch of stick and slip while the parameters were far off start anew, once.
     """
     point = point_at(problem, values, nuisance)
-    columns, converged, before = np.empty(0), False, None
-    for _ in range(iterations):
+    columns, converged, before, last = np.empty(0), False, None, math.inf
+    for left in reversed(range(iterations)):
         columns = around = np.empty(0)  # not twice at once: they are the largest there is
         columns, around = problem.columns(point)
         better = _better(problem, point, project(problem, columns, around, point), worth)
         gain = point.objective - better.objective if better else 0.0
         point = better or point
         if gain >= worth:
+            if point.objective - left * max(gain, last) > goal:
+                break
+            last = gain
             continue
         converged = True
         far = np.abs(point.nuisance) > _FARTHEST * problem.nuisance_std

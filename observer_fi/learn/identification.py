@@ -33,6 +33,7 @@ from observer_fi.learn.logger.filtered_readings import Through
 from observer_fi.learn.logger.low_passes import filter_of, needed
 from observer_fi.learn.move_data import share_of
 from observer_fi.learn.servo.encoder_steps import without_steps
+from observer_fi.learn.servo.inductance import behind_inductance, winding_of, without_inductance
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.logs import (
     LowPasses,
@@ -58,6 +59,8 @@ from observer_fi.records import Array, Fit, Log, Parameter, Segment
 
 # Relative 1-sigma of what the maker states; the rig file's spread, where it gives one, takes its place.
 MAKER = {"Rm": 2e-3, "Km": 2e-3, "D": 1e-3}
+ANOTHER = 1.5  # times what the maker states: no motor is so far off, hot or cold, and no lead
+BESIDE = 1.1  # times what the readings tell without a servo: a law that is none of this servo's bends its motor until it fits
 DEFAULT_SPREAD = 0.1  # of a parameter that the logs cannot tell
 PITCH_SPAN = 2.0  # deg between the moves' pitches that tells B
 PROFILE_FROM = 0.01  # relative standard error from which on the interval is the profile likelihood's
@@ -124,7 +127,7 @@ class Learned(NamedTuple):
 def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """Parameters of `rig` from logs, with intervals, correlations and what could not be identified.
 
-    filters: whether a misfit is asked for a filter that a servo's logger has before its readings.
+    filters: whether a misfit is asked for a filter that a servo's logger has before its readings, or a winding with inductance.
 
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
@@ -136,13 +139,32 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     if not rig.driven.servo:
         return identify_driven(logs, rig)
     logs = [on_its_clock(log, rig) for log in logs]
+    fit = _servo_fit(logs, rig, filters)
+    L, warnings = winding_of(logs, rig) if filters and not fit.filters else (0.0, ())
+    if not L:
+        return fit
+    behind = _servo_fit([without_inductance(log, L) for log in logs], rig, filters=False)
+    return behind_inductance(behind, fit, warnings)
+
+
+def _servo_fit(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
+    """The fit of a rig that its servo drives, whatever is known of that."""
     if needs_start(rig):
         begun = with_start(logs, rig)
         fit = _identify_servo(logs, begun, filters)
-        if not {"J", "A"} <= {p.name for p in fit.parameters}:  # a servo that was begun too far off
+        if not (
+            _is_of(fit, rig, ANOTHER) and _is_of(fit, begun, BESIDE)
+        ):  # a servo that was begun too far off, or is another
             fit = identify_driven(logs, replace(rig, drive="voltage"))
         return _with_commanded(fit, begun, rig)
     return _identify_servo(logs, rig, filters)
+
+
+def _is_of(fit: Fit, rig: Rig, most: float) -> bool:
+    """Whether a fit found inertia and friction, and a motor and a lead that are no others than a rig's, to so many times."""
+    values = {p.name: p.value for p in fit.parameters}
+    shares = [values[n] / rig.model[n] for n in MAKER if n in values]
+    return {"J", "A"} <= values.keys() and all(1.0 / most < share < most for share in shares)
 
 
 def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
@@ -267,6 +289,9 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
     for name in ("torque_offset",):
         if name in values and abs(values[name]) < OFFSET_SHOWS * std[name]:
             del values[name], std[name]
+    both = "viscous_positive", "viscous_negative"
+    if both[0] in values and both[1] not in values:  # one coefficient that was fitted to moves either way
+        values[both[1]], std[both[1]] = values[both[0]], std[both[0]]
     learned = with_values(rig, values, std, "identified")
     narrow = {
         name: replace(q, spread=DAILY.get(name, 0.0))

@@ -18,7 +18,7 @@ import scipy  # whose parts load when they are used
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.logs import position_speed
-from observer_fi.numerics import constant_runs, correlation_time, filled
+from observer_fi.numerics import constant_runs, correlation_time, digits, filled
 from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
 
@@ -31,8 +31,10 @@ MAKER = {
     "Km": 2e-3,
     "D": 1e-3,
 }  # relative 1-sigma of what the maker states, where the rig file gives no spread
+WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet differs
 PITCH_SPAN = 2.0  # deg
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
+SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
@@ -91,9 +93,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    left_open = (
-        _between_samples(windows, names, values, rig) if with_voltage else _left_open(names, values, rig)
-    )
+    left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
@@ -105,8 +105,20 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     sigma = s.sigma * (1.0 if with_voltage else model["D"])
     error = {"speed_rad_s": sigma / model["Km"]} if with_voltage else {"position_m": sigma}
     nll = float(np.log(noise * np.sqrt(2.0 * np.pi)) + 0.5 * (sigma / noise) ** 2)
-    return Fit(
-        parameters, _correlation(covariance), missing, nll, error, {"windows": windows, "samples": s.n}
+    told = _inductance(s) if with_voltage else ()
+    figures = {"windows": windows, "samples": s.n, "inductance": float(s.x[-1]) if told else 0.0}
+    return Fit(parameters, _correlation(covariance), missing, nll, error, figures, warnings=told)
+
+
+def _inductance(s: Solution) -> tuple[str, ...]:
+    """A sentence on a winding that has an inductance beyond doubt, and one that a start shows."""
+    Rm, L, std = float(s.x[0]), float(s.x[-1]), float(np.sqrt(s.covariance[-1, -1]))
+    if max(SHOWS_STD * std, SHOWS_S * Rm) > L:
+        return ()
+    return (
+        f"the voltage runs ahead of the current as {digits(1e3 * L)} mH in the winding make it ({digits(1e3 * L / Rm)} ms): the "
+        "constants are those behind it, but the equations of the rig leave it out, and a sensor fault that is told at a start "
+        "may be no more than this",
     )
 
 
@@ -145,23 +157,24 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
     return w, np.convolve(w, kernel, "same")
 
 
-def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
-    """Names, values, covariance from equations 1 and 2, V = Rm i + V0 + Km/J int (Km i - A s - B theta - b w) dt.
+def _from_voltage(
+    windows: Sequence[Window], rig: Rig, plain: bool = False
+) -> tuple[tuple[str, ...], Array, Array, Solution]:
+    """Names, values, covariance from equations 1 and 2, V = Rm i + L di/dt + V0 + Km/J int (Km i - A s - B theta - b w) dt.
 
-    Km then follows from equation 8: the integral of V - Rm i is Km/D (x - x0). Maker's data enter as priors.
+    Km then follows from equation 8: the integral of V - Rm i - L di/dt is Km/D (x - x0). Maker's data enter as priors. L, the
+    inductance that equation 2 leaves out, would be a smaller Rm and a larger J; it is none of the plant's, and not reported.
     """
     names = _unknowns(windows)
-    rows, y = [], []
-    for w in windows:
-        G = np.column_stack([w.z[:, 1], _integral(w.t, w.z[:, 1]), *_loads(w, names[1:])])
-        rows.append(_without(G, np.ones((w.t.size, 1))))
-        y.append(_without(w.z[:, :1], np.ones((w.t.size, 1)))[:, 0])
-    s = solve(rows, y, len(windows))
-    Km_std = _torque_constant(windows, rig, float(s.x[0]))[1]
+    s = _circuit(windows, names, plain)
+    if not plain:
+        s = _with_maker(_with_samples_between(s, windows, names), rig)
+    Km_std = _torque_constant(windows, rig, float(s.x[0]), float(s.x[-1]))[1]
 
     def values(coefficients: Array) -> Array:
-        Rm, Km = coefficients[0], _torque_constant(windows, rig, float(coefficients[0]))[0] + coefficients[-1]
-        return np.concatenate(([Rm, Km, Km**2 / coefficients[1]], coefficients[2:-1] * Km / coefficients[1]))
+        Rm, *loads, L, more = coefficients.tolist()
+        Km = _torque_constant(windows, rig, Rm, L)[0] + more
+        return np.concatenate(([Rm, Km, Km**2 / loads[0]], np.array(loads[1:]) * Km / loads[0]))
 
     at = np.append(s.x, 0.0)
     covariance = np.zeros((at.size, at.size))
@@ -169,6 +182,47 @@ def _from_voltage(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...],
     covariance[-1, -1] = Km_std**2
     slope = _slopes(values, at, np.sqrt(np.diag(covariance)))
     return ("Rm", "Km", *names), values(at), slope @ covariance @ slope.T, s
+
+
+def _circuit(windows: Sequence[Window], names: Sequence[str], plain: bool) -> Solution:
+    """Coefficients of V: Rm, Km^2/J, Km/J times each load, L.
+
+    The noise of i makes Rm too small in plain least squares, by half where the motion is smooth; each reading has its
+    neighbours for an instrument, and each rate those beyond them.
+    """
+    rows, y, instruments = [], [], []
+    for w in windows:
+        i, free = w.z[:, 1], np.ones((w.t.size, 1))
+        loads = [_integral(w.t, i), *_loads(w, names[1:])]
+        rows.append(_without(np.column_stack([i, *loads, change_rate(w.t, i, 1)]), free))
+        y.append(_without(w.z[:, :1], free)[:, 0])
+        beside = (
+            [i, *loads, change_rate(w.t, i, 1)] if plain else [_neighbours(i), *loads, change_rate(w.t, i, 2)]
+        )
+        instruments.append(_without(np.column_stack(beside), free))
+    return solve(rows, y, len(windows), instruments)
+
+
+def _with_samples_between(s: Solution, windows: Sequence[Window], names: Sequence[str]) -> Solution:
+    """A solution whose covariance holds what integrals between samples leave: half of what every second sample alone changes
+    (Richardson's extrapolation says a third or less), and of the resistance `WINDING` besides.
+    """
+    covariance, fine = s.covariance.copy(), _circuit(windows, names, plain=True).x
+    covariance[0, 0] += (WINDING * s.x[0]) ** 2
+    for first in (0, 1):
+        rows = slice(first, None, 2)
+        half = [Window(w.t[rows] - w.t[first], w.z[rows], w.pitch[rows], w.w[rows], w.sign) for w in windows]
+        changed = 0.5 * (_circuit(half, names, plain=True).x - fine)
+        covariance += np.outer(changed, changed)
+    return s._replace(covariance=covariance)
+
+
+def _with_maker(s: Solution, rig: Rig) -> Solution:
+    """A solution that knows of the maker's Rm, and that a winding may be warmer: only where the log tells less it counts."""
+    maker = rig.model["Rm"] * np.hypot(rig.spread("Rm") or 0.0, WARMER)
+    gain = s.covariance[:, 0] / (s.covariance[0, 0] + maker**2)
+    moved = s.x + gain * (rig.model["Rm"] - s.x[0])
+    return s._replace(x=moved, covariance=s.covariance - np.outer(gain, s.covariance[0]))
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:
@@ -179,12 +233,11 @@ def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array
     )
 
 
-def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float) -> tuple[float, float]:
-    """Km and its standard error from int (V - Rm i) dt = Km/D (x - x0), mixed with the maker's Km and D."""
+def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float, L: float) -> tuple[float, float]:
+    """Km and its standard error from int (V - Rm i - L di/dt) dt = Km/D (x - x0), mixed with the maker's Km and D."""
     model = rig.model
-    rows = [
-        _without(_integral(w.t, w.z[:, 0] - Rm * w.z[:, 1])[:, None], np.ones((w.t.size, 1))) for w in windows
-    ]
+    turned = [_integral(w.t, w.z[:, 0] - Rm * w.z[:, 1]) - L * w.z[:, 1] for w in windows]
+    rows = [_without(one[:, None], np.ones((one.size, 1))) for one in turned]
     y = [_without(w.z[:, 2:] / model["D"], np.ones((w.t.size, 1)))[:, 0] for w in windows]
     s = solve(rows, y, len(windows))
     Km = 1.0 / float(s.x[0])
@@ -220,16 +273,6 @@ def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:
     """Standard deviations that the maker's Km and D leave of values from current and position."""
     moved = _of_maker(rig, "D") * np.isin(names, _OF_MOTION)
     return np.asarray(np.abs(values) * np.hypot(_of_maker(rig, "Km"), moved))
-
-
-def _between_samples(windows: Sequence[Window], names: Sequence[str], values: Array, rig: Rig) -> Array:
-    """Standard deviations that integrals between samples leave: half of what every second sample alone changes (Richardson's
-    extrapolation says a third or less), and of the resistance `WINDING` besides.
-    """
-    half = [Window(w.t[::2], w.z[::2], w.pitch[::2], w.w[::2], w.sign) for w in windows]
-    coarse = _from_voltage(half, rig)[1]
-    known = np.where(np.isin(names, "Rm"), WINDING * np.abs(values), 0.0)
-    return np.hypot(known, 0.5 * np.abs(coarse - values)) if coarse.shape == values.shape else known
 
 
 def _of_maker(rig: Rig, name: str) -> float:
@@ -271,28 +314,47 @@ def _integral(t: Array, y: Array) -> Array:
     return np.asarray(scipy.interpolate.Akima1DInterpolator(t, y, method="makima").antiderivative()(t))
 
 
+def _neighbours(y: Array) -> Array:
+    """(n,) mean of the readings before and after each: what they have in common with it is signal, and no noise."""
+    padded = np.concatenate((y[1:2], y, y[-2:-1]))
+    return np.asarray(0.5 * (padded[:-2] + padded[2:]))
+
+
+def change_rate(t: Array, y: Array, away: int) -> Array:
+    """(n,) rate at which y (n,) changes, from the readings `away` samples before and after each, or the last ones at the ends."""
+    at = np.arange(t.size)
+    before, after = np.maximum(at - away, 0), np.minimum(at + away, t.size - 1)
+    return np.asarray((y[after] - y[before]) / (t[after] - t[before]))
+
+
 def _without(G: Array, free: Array) -> Array:
     """Columns with the free constants of their window projected out."""
     q, _ = np.linalg.qr(free)
     return G - q @ (q.T @ G)
 
 
-def solve(G: Sequence[Array], y: Sequence[Array], constants: int) -> Solution:
+def solve(
+    G: Sequence[Array], y: Sequence[Array], constants: int, instruments: Sequence[Array] | None = None
+) -> Solution:
     """Least squares over windows. G: (n, k) each, constants already out; constants: how many there were.
 
-    Standard errors from the scatter between windows, since integrated noise is alike within one; from the residual's
-    autocorrelation where windows are too few for that.
+    instruments: (n, k) each, which have the signal of G and other noise than it: residuals are at right angles to them, in
+    place of G, whose own noise makes a coefficient too small. Standard errors from the scatter between windows, since
+    integrated noise is alike within one; from the residual's autocorrelation where windows are too few for that.
     """
-    stacked, target = np.concatenate(G), np.concatenate(y)
+    Z = G if instruments is None else instruments
+    stacked, target, at_right = np.concatenate(G), np.concatenate(y), np.concatenate(Z)
     scale = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
-    inverse = np.linalg.pinv((stacked / scale).T @ (stacked / scale), rcond=1e-12)
-    x = inverse @ ((stacked / scale).T @ target)
+    inverse = np.linalg.pinv((at_right / scale).T @ (stacked / scale), rcond=1e-12)
+    x = inverse @ ((at_right / scale).T @ target)
     r = target - stacked / scale @ x
     variance = float(r @ r) / max(target.size - x.size - constants, 1)
-    covariance = inverse * variance * correlation_time(r, min(LONGEST, r.size // 4))
+    spread = inverse @ ((at_right / scale).T @ (at_right / scale)) @ inverse.T
+    covariance = spread * variance * correlation_time(r, min(LONGEST, r.size // 4))
     if len(G) >= _MANY * x.size:
-        pulls = np.array([(g / scale).T @ (t - g / scale @ x) for g, t in zip(G, y, strict=True)])
-        between = inverse @ (pulls.T @ pulls) @ inverse * len(G) / (len(G) - x.size)
+        windows = zip(G, Z, y, strict=True)
+        pulls = np.array([(h / scale).T @ (t - g / scale @ x) for g, h, t in windows])
+        between = inverse @ (pulls.T @ pulls) @ inverse.T * len(G) / (len(G) - x.size)
         wider = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(covariance), 1e-300), 1.0))
         covariance = covariance * np.outer(wider, wider)
     return Solution(x / scale, covariance / np.outer(scale, scale), float(np.sqrt(variance)), target.size)

@@ -116,15 +116,16 @@ def fit(
     known: Mapping[str, Array] | None = None,
     iterations: int = _ITERATIONS,
     worth: float = _DONE,
+    goal: float = math.inf,
 ) -> FitResult:
     """Gauss-Newton from `model` on, until a step gains less than `worth` [nats].
 
     known: columns (N, 3) of some parameters from an earlier fit near by; they stay as they are, so that a
-    candidate costs a simulation per iteration and per new parameter only.
+    candidate costs a simulation per iteration and per new parameter only. goal: see `search`.
     """
     problem = ParameterFit(experiment, model, tuple(free), known or {})
     nuisance = np.zeros((experiment.moves, 2)) if nuisance is None else nuisance
-    found = search(problem, {f.name: model[f.name] for f in free}, nuisance, iterations, worth)
+    found = search(problem, {f.name: model[f.name] for f in free}, nuisance, iterations, worth, goal)
     point, model = found.point, problem.model_at(found.point.values)
     columns = found.columns if found.columns.size else problem.columns(point)[0]
     around = nuisance_columns(experiment, model, point.nuisance, point.residuals)

@@ -3,7 +3,20 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from observer_fi.logs.acquisition import (
+from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
+from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
+from observer_fi.logs.formats.registry import SUFFIXES
+from observer_fi.logs.ingest import (
+    CHUNK_ROWS,
+    LogFile,
+    Progress,
+    log_from_frame,
+    log_name,
+    open_log,
+    read_log,
+)
+from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
+from observer_fi.logs.logger.acquisition import (
     OFF_ZERO,
     SET_UP_DEG,
     acquisition_of,
@@ -15,23 +28,10 @@ from observer_fi.logs.acquisition import (
     with_logger,
     without_spikes,
 )
-from observer_fi.logs.acquisition import SHORT as SHORTEST_REST
-from observer_fi.logs.clock import clock_of, even, on_its_clock
-from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
-from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
-from observer_fi.logs.formats.registry import SUFFIXES
-from observer_fi.logs.hum import Hum, without_lines
-from observer_fi.logs.ingest import (
-    CHUNK_ROWS,
-    LogFile,
-    Progress,
-    log_from_frame,
-    log_name,
-    open_log,
-    read_log,
-)
-from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Splitter, lines_of
-from observer_fi.logs.low_pass import (
+from observer_fi.logs.logger.acquisition import SHORT as SHORTEST_REST
+from observer_fi.logs.logger.clock import clock_of, even, on_its_clock
+from observer_fi.logs.logger.hum import Hum, without_lines
+from observer_fi.logs.logger.low_pass import (
     LowPass,
     LowPasses,
     Unfiltered,
@@ -42,6 +42,8 @@ from observer_fi.logs.low_pass import (
     unfiltered,
     with_low_passes,
 )
+from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
+from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.moves import (
     Excitation,
     Phase,
@@ -55,7 +57,6 @@ from observer_fi.logs.moves import (
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
-from observer_fi.logs.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.units import quarter_of_a_ring, suspect_units
 
 if TYPE_CHECKING:
@@ -69,6 +70,10 @@ __all__ = [
     "SET_UP_DEG",
     "quarter_of_a_ring",
     "LowPass",
+    "Mean",
+    "Unmeant",
+    "means_of",
+    "without_means",
     "LowPasses",
     "Unfiltered",
     "acquisition_of",

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import COLUMNS, ColumnMap
+from observer_fi.logs.logger.clock import ByRows, by_rows
+from observer_fi.logs.logger.resampled import interpolated, lost, out_of_range
 from observer_fi.logs.tables import LISTED, NONE, Block, LeftOut, Table, joined_blocks, place, together
 from observer_fi.numerics import digits
 from observer_fi.records import Array, Gap, Log, Rejected
@@ -24,6 +26,7 @@ FASTEST_HZ = 1e6  # nothing of an actuator happens in a microsecond: beyond this
 STUCK_ROWS = 10_000  # rows in a row without a new time: the clock stands still
 LATEST_STAMP_S = 1.6e10  # since 1970: the year 2477
 WRONG_UNIT = 0.25  # of the samples beyond the limit
+TELLING_ROWS, JOINED_ROWS = 1800, 2000  # that tell what clock they have, and that are read for it
 GAP = 1.5  # of the median sampling interval
 JITTER = 0.25  # of the median sampling interval
 CHANNEL_COLUMNS = ("voltage_v", "current_a", "position_m")
@@ -63,11 +66,15 @@ class Tally:
     rejected: list[Rejected] = field(default_factory=list)
     rejected_count: int = 0
     repeated: int = 0
+    by_rows: ByRows | None = None
     jittery: int = 0
     worst_jitter: float = 0.0
     worst_row: int = 0
     usable: dict[str, int] = field(default_factory=dict)
     beyond: dict[str, int] = field(default_factory=dict)
+    interpolated: dict[str, float | None] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+    out_of_range: dict[str, int] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
         """Row, and line where the file is text, for a message."""
@@ -96,12 +103,24 @@ def cleaned(blocks: Iterable[Block], tally: Tally) -> Iterator[Log]:
     Rows with no value at all are left out, listed. A row without a time of its own (none, or that of
     the row before) is placed evenly between its neighbours with its channels masked.
     """
-    for block in _ending_on_a_time(blocks, tally):
+    for block in _with_a_clock(_ending_on_a_time(blocks, tally), tally):
         yield _log(block, tally)
     _check_whole(tally)
 
 
 # --- the clock ------------------------------------------------------------------------------------
+
+
+def _with_a_clock(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
+    """The blocks, as soon as the first of them, however few rows each has, tell what clock the file has."""
+    left, first, rows = iter(blocks), list[Block](), 0
+    while rows < JOINED_ROWS and (block := next(left, None)) is not None:
+        first.append(block)
+        rows += block.rows.size
+    if first:
+        tally.by_rows = by_rows(np.concatenate([block.values["time_s"] for block in first])[:TELLING_ROWS])
+    yield from first
+    yield from left
 
 
 def _ending_on_a_time(blocks: Iterable[Block], tally: Tally) -> Iterator[Block]:
@@ -183,6 +202,8 @@ def _part(block: Block, which: slice | Mask, left_out: LeftOut) -> Block:
 def _clock(block: Block, tally: Tally) -> tuple[Array, Mask]:
     """Strictly increasing times, and which rows have one of their own."""
     t = block.values["time_s"]
+    if tally.by_rows is not None:
+        t = tally.by_rows.take(t)
     good = np.isfinite(t)
     own = t if good.all() else t[good]
     before = np.concatenate(([tally.last_t], own[:-1]))
@@ -264,7 +285,9 @@ def _log(block: Block, tally: Tally) -> Log:
     t, good = _clock(block, tally)
     masked = _Masked(block)
     _list_times(block, good, tally, masked)
-    z = np.column_stack([_channel(column, block, good, tally, masked) for column in CHANNEL_COLUMNS])
+    z = np.column_stack(
+        [_own(column, t, _channel(column, block, good, tally, masked), tally) for column in CHANNEL_COLUMNS]
+    )
     log = Log(
         path=tally.path,
         t=_owned(t),
@@ -315,6 +338,22 @@ def _channel(column: str, block: Block, clocked: Mask, tally: Tally, masked: _Ma
     believable = _believable(column, values, clocked, tally, masked)
     tally.usable[column] = tally.usable.get(column, 0) + int(np.count_nonzero(believable))
     return values if believable.all() else np.where(believable, values, np.nan)
+
+
+def _own(column: str, t: Array, values: Array, tally: Tally) -> Array:
+    """(n,) the column, NaN where a reading is out of range, or was put between others or for one that was lost."""
+    lines, ends = interpolated(t, values), out_of_range(values)
+    if ends is not None:
+        tally.out_of_range[column] = tally.out_of_range.get(column, 0) + int(ends.sum())
+        values = np.where(ends, np.nan, values)
+    gone = lost(values)
+    if gone is not None:
+        tally.lost[column] = tally.lost.get(column, 0) + int(gone.sum())
+        values = np.where(gone, np.nan, values)
+    if lines is None:
+        return values
+    tally.interpolated[column] = lines.rate_hz
+    return np.where(lines.own, values, np.nan)
 
 
 def _optional(column: str, block: Block, clocked: Mask, tally: Tally, masked: _Masked) -> Array | None:
@@ -419,6 +458,11 @@ def summary(tally: Tally) -> Summary:
     notes = list(column_notes(tally.table))
     if "voltage_v" in tally.table.columns and not tally.usable.get("voltage_v"):
         notes.append("voltage_v holds no usable value: the speed channel is not available")
+    if tally.by_rows is not None:
+        notes.append(
+            f"time_s says when rows came, several at a time: they are taken for evenly spaced, {digits(1.0 / tally.step, 4)} a "
+            "second; log when they were read"
+        )
     if tally.repeated > 0.01 * tally.samples:
         share = 100.0 * tally.repeated / tally.samples
         notes.append(f"{share:.0f} % of the time stamps repeat: the clock is written with too few digits")
@@ -426,6 +470,19 @@ def summary(tally: Tally) -> Summary:
         notes.append(
             f"{tally.jittery} time stamps are off by more than {100 * JITTER:.0f} % of a sampling interval "
             f"(worst {100 * tally.worst_jitter:.0f} %, {tally.place(tally.worst_row)}); used as they are"
+        )
+    for column, count in tally.lost.items():
+        notes.append(
+            f"{column} repeats itself to the last digit in {count} samples, a few at a time: taken for lost readings"
+        )
+    for column, count in tally.out_of_range.items():
+        notes.append(
+            f"{column} is at the end of its range, or next to it, in {count} samples: not taken; log it in a wider range"
+        )
+    for column, rate_hz in tally.interpolated.items():
+        pace = "over gaps" if rate_hz is None else f"between readings, about {digits(rate_hz, 3)} a second"
+        notes.append(
+            f"{column} is interpolated {pace}: what is between is not taken; export it as it was read"
         )
     if tally.gap_count:
         notes.append(f"{tally.gap_count} gaps in the clock")

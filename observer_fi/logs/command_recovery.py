@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.acquisition import OFF_ZERO
+from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, position_speed
 from observer_fi.numerics import constant_runs, filled
-from observer_fi.physics import Model, Rig, commanded, speed
+from observer_fi.physics import UNLEARNED, Model, Rig, commanded, override, speed
 from observer_fi.records import Array, Log
 
 BLOCK_S = 0.005
@@ -57,10 +57,16 @@ class _Level(NamedTuple):
 
 def with_command(log: Log, rig: Rig) -> Log:
     """`log` with its command: as the law of the drive makes it, as logged, or recovered where no sample of it is a number."""
-    if rig.driven.command is not None:
+    if rig.law is not None:
         notes = tuple(note for note in log.notes if not note.startswith(ABSENT))
         return replace(commanded(log, rig), notes=notes)
-    return log if np.isfinite(log.w_cmd).any() else recover_command(log, rig.model)
+    foreign = rig.driven.command is not None  # a loop by another law than the drive's
+    if np.isfinite(log.w_cmd).any() and (is_recovered(log) or not foreign):
+        return log
+    recovered = recover_command(log, override(rig.model, "motor", Kp=0.0) if foreign else rig.model)
+    friction = rig.quantities.get("A")
+    known = friction is not None and friction.method not in UNLEARNED
+    return _on_while_in_vain(recovered, rig.model) if known and _only_position(log) else recovered
 
 
 def is_recovered(log: Log) -> bool:
@@ -155,6 +161,27 @@ def _with_speed(log: Log, w: Array, noise: float, model: Model) -> Log:
             w_cmd[a:stood] = last
     starts = int(np.count_nonzero(np.diff((w_cmd != 0.0).astype(np.int8)) > 0))
     return _recovered(log, w_cmd, "the position", starts)
+
+
+def _on_while_in_vain(log: Log, model: Model) -> Log:
+    """`log`, whose command goes on where a mass stands although the current would have moved it in equation 1.
+
+    A current after which the mass does move belongs to that start.
+    """
+    drive, w_cmd = model["Km"] * np.nan_to_num(filled(log.z[:, 1])), log.w_cmd.copy()
+    torque = drive - model["B"] * log.pitch - model["torque_offset"]
+    turns, step = w_cmd != 0.0, float(np.median(np.diff(log.t)))
+    if not turns.any() or turns.all():
+        return log
+    usual = float(np.median(np.abs(w_cmd[turns])))
+    noise = float(np.nanstd(np.diff(log.z[:, 2])[~turns[1:]]))
+    pulls = np.where(turns, 0, np.sign(torque) * (np.abs(torque) > STALLED * model["A"]))
+    for a, b in constant_runs(pulls.astype(np.int8)):
+        gained = np.cumsum(np.abs(torque[a:b]) - model["A"]) * step / model["J"]
+        seen = model["D"] * float(gained.sum()) * step > SIGMAS * noise and gained[-1] > SAME_LEVEL * usual
+        if pulls[a] and seen and not turns[b : b + round(SOON_S * log.rate_hz)].any():
+            w_cmd[a:b] = pulls[a] * usual
+    return replace(log, w_cmd=w_cmd)
 
 
 def _begun(log: Log, stood: int, a: int) -> int:

@@ -271,25 +271,35 @@ def _waves(stem: str, start: float) -> tuple[Term, Term]:
     return Term(f"{stem}_sin", start, per_log=True), Term(f"{stem}_cos", start, per_log=True)
 
 
+_SHAFT_ORDERS = (1, 2, 3, 4, 6, 9, 13)  # that are tried whether the torque shows a line there or not
+_NEAR_ORDER = 0.02  # relative: orders are as near as that where they are one,
+_NEAREST = 0.1  # and no further apart than this
+
+
+def _is_near(order: float, known: float) -> bool:
+    return abs(order - known) <= min(_NEAR_ORDER * known, _NEAREST)
+
+
+def _whole(order: float) -> int:
+    """The whole number that an order is, 0 where it is none."""
+    return round(order) if _is_near(order, float(round(order))) else 0
+
+
 def _shaft(c: Coverage) -> tuple[Variant, ...]:
-    orders = (1, 2, 3, 4, 6, 9, 13)
     waves = _waves("shaft_ripple", _small(c))
+    orders = dict.fromkeys((*_SHAFT_ORDERS, *(k for o in c.orders if (k := _whole(o)))))
     return tuple(Variant(f"order {k}", waves, (("shaft_order", float(k)),)) for k in orders)
-
-
-_NEAR_ORDER = 0.02  # relative: orders are as near as that where they are one
 
 
 def _gear(c: Coverage) -> tuple[Variant, ...]:
     """Any other order of the motor's angle, from those that a look at the torque shows."""
     screw = math.inf if math.isnan(c.lead) else c.turn / c.lead
-    known = [*range(1, 14), *(k * screw for k in (1, 2, 3))]
     waves = _waves("gear_ripple", _small(c))
     finest = c.turn / c.travel  # an order that much off is out of step once over the travel
     return tuple(
         Variant(f"order {o:.3g}", (*waves, _order(o, finest)))
         for o in c.orders
-        if all(abs(o / k - 1.0) > _NEAR_ORDER for k in known)
+        if not _whole(o) and not any(_is_near(o, k * screw) for k in (1, 2, 3))
     )
 
 
@@ -422,15 +432,18 @@ def _contact_damping(c: Coverage) -> tuple[Variant, ...]:
 
 
 _GRATINGS_M = (1e-3, 5e-4, 2e-3)  # usual periods of incremental scales
+_PERIODS = (
+    2.0  # of one, that the travel must cover: less is a bend, which a sensor that is not linear has too
+)
 
 
 def _scale(c: Coverage) -> tuple[Variant, ...]:
-    """Per turn of the screw (of the motor, where no screw is known), and per period of a scale."""
+    """Per turn of the screw (of the motor, where no screw is known), and per period of a scale that the travel has twice."""
     own = c.turn if math.isnan(c.lead) else c.lead
     waves = _waves("position", 0.1 * c.position_noise)
     return tuple(
         Variant(f"{1e3 * period:.3g} mm", waves, (("position_period", period),))
-        for period in dict.fromkeys((own, *_GRATINGS_M))
+        for period in dict.fromkeys((own, *(g for g in _GRATINGS_M if _PERIODS * g <= c.travel)))
     )
 
 

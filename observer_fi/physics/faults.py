@@ -318,8 +318,8 @@ FAULTS = table(
         happened="The {channel} sensor stopped telling the truth, while the other channels agree with the model.",
         action="Check the {channel} sensor, its wiring and its input channel before trusting further moves.",
         alike={
-            "voltage": "A changed winding resistance looks the same as a voltage sensor fault in these channels: "
-            "measure the resistance at rest to tell them apart.",
+            "voltage": "A changed winding or torque constant looks the same as a voltage sensor fault while the motor stays at "
+            "one speed: a start, a stop or the resistance measured at rest tells them apart.",
             "position": "A nut that slips or a lost coupling can look like a dead position sensor while the speed is "
             "steady: a reversal, or the encoder, tells them apart.",
         },

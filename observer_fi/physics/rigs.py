@@ -166,11 +166,14 @@ class Rig:
     @property
     def law(self) -> CommandLaw | None:
         """The law that makes the commanded speed of other columns. Where nobody knows the servo, a command so low that friction
-        may hold the motor against it is none.
+        may hold the motor against it is none; where logs have told the mechanics and no gain of a loop, as of one that is fed
+        forward, nothing makes it and it must be recovered.
         """
         law, model = self.driven.command, self.model
         if law is None or self.watched.servo:
             return law
+        if self.quantities["Kx"].method in UNLEARNED and self.quantities["J"].method not in UNLEARNED:
+            return None
         return CommandLaw(law.columns, partial(_faster, law.of, CRAWLS * model["Vmax"] / model["Km"]))
 
     def spread(self, name: str) -> float:

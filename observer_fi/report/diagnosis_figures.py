@@ -26,6 +26,7 @@ BEFORE_S, AFTER_S, PAST_S = 0.03, 0.12, 0.03  # shown before an onset, after it,
 FAR_S = 0.25  # before an onset whose interval begins earlier still
 MOST_VIEWS = 40
 FEWEST = 20  # samples of a view that is worth a button
+SELDOM = 0.5  # share of the samples with a reading, below which a line goes from one to the next
 
 BY_CHANNEL = (("voltage", "#8a6100"), ("current", "#0b62b0"), ("position", "#7a3b9a"))
 # name, unit, factor from SI, narrowest range shown
@@ -67,7 +68,8 @@ def signals(traces: Traces, modes: tuple[str, ...], isolation: Isolation) -> lis
         if not np.isfinite(measured[r]).any():
             panels += [_commanded(traces)] if r == 3 and traces.w_cmd.any() else []
             continue
-        lines = [Series("measured", factor * measured[r], MEASURED, 1.2)]
+        seldom = float(np.isfinite(measured[r]).mean()) < SELDOM
+        lines = [Series("measured", factor * measured[r], MEASURED, 1.2, spans=seldom)]
         for model, dash in zip(drawn, ((), (5, 3)), strict=False):
             y = factor * predicted[r][:, modes.index(model)]
             lines.append(Series(f"{words_of(model)}, predicted", y, colour_of(model), 1.4, dash))

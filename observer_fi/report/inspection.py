@@ -172,6 +172,7 @@ def _traits(c: ChannelTraits, unit: str) -> str:
     said = [f"noise {with_unit(c.noise_std, unit)}"]
     said += [f"steps of {with_unit(c.resolution, unit)}"] if c.resolution else []
     said += [f"fresh at {digits(c.update_hz, 4)} Hz only"] if c.update_hz else []
+    said += [f"read in {digits(100.0 * c.read, 2)} % of the rows"] if c.read < 0.5 else []
     said += [f"mean of {c.averaged} samples"] if c.averaged > 1 else []
     said += [f"coloured over {with_unit(c.correlation_s, 's')}"] if c.correlation_s else []
     said += [f"lines at {', '.join(digits(line.hz, 4) for line in c.lines)} Hz"] if c.lines else []

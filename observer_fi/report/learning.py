@@ -199,7 +199,7 @@ def identify_files(
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters), figures=drawn,
+        fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters, fit.warnings), figures=drawn,
         value=with_error, digits_of=to_the_error,
         versions=versions(), by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
         noisier=[name for name, std in identified.noise.items() if std > FAR_NOISIER * rig.noise.get(name, math.inf)],
@@ -212,9 +212,9 @@ def identify_files(
     }
 
 
-def _notes(note: str, filters: Iterable[Filter]) -> str:
+def _notes(note: str, filters: Iterable[Filter], warnings: Iterable[str] = ()) -> str:
     """What else to say of the logs, one sentence after the other."""
-    return ". ".join([*([note] if note else []), *map(told_filter, filters)])
+    return ". ".join([*([note] if note else []), *map(told_filter, filters), *warnings])
 
 
 def correlated(fit: Fit) -> list[tuple[str, list[float]]]:
@@ -248,7 +248,7 @@ def identify_json(fit: Fit) -> dict[str, Any]:
         "not_identifiable": fit.not_identifiable,
         "nll_per_sample": fit.nll_per_sample,
         "rmse": fit.rmse,
-        "warnings": [told_filter(own) for own in fit.filters],
+        "warnings": [*map(told_filter, fit.filters), *fit.warnings],
         "correlation": {"names": [p.name for p in fit.parameters], "matrix": fit.correlation.tolist()},
     }
 

@@ -9,18 +9,23 @@ from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
 from observer_fi.records import ChannelTraits, Isolation
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.moves.circuit import is_dead
+from observer_fi.verdict.moves.of_the_day import Day
+from observer_fi.verdict.testable import never_learned
 
 UNITS = ("V", "A", "m")
 MISFIT = 2.0  # times its expected NIS: the model is of another machine
 LOUD = 2.0  # times the noise of the rig file
 COARSE = 2.0  # steps of so many standard deviations hide what is smaller
 LATE = 0.5  # samples
+SELDOM = 0.5  # share of the rows that have a reading
 
 
 class Part(NamedTuple):
     """One channel: its column and unit, its traits, its noise in the rig file, how many samples it is late, its filter.
 
-    without_lines: whether its lines are out of what is judged.
+    without_lines, without_mean: whether its lines, or the mean that it is, are out of what is judged. filed: whether its noise in
+    the rig file is that of a logger, and no guess of a data sheet.
     """
 
     column: str
@@ -30,6 +35,8 @@ class Part(NamedTuple):
     late: float
     low_pass: LowPass = LowPass()
     without_lines: bool = False
+    without_mean: bool = False
+    filed: bool = True
 
 
 def cautions(
@@ -45,11 +52,13 @@ def cautions(
             f"the log begins within a start, while the supply limits the servo: its first {with_unit(left_out_s, 's')} are left "
             "out, and what began in them is seen later; begin the log at rest"
         )
-    usual = known.rig.file_noise_std.tolist()
-    own = zip(COLUMNS.items(), UNITS, usual, known.late, known.low_passes, strict=True)
+    usual, filed = known.rig.file_noise_std.tolist(), not never_learned(known.rig, NOT_TESTED)
+    lates, means = known.lateness, {mean.channel for mean in known.means}
+    own = zip(COLUMNS.items(), UNITS, usual, lates, known.low_passes, strict=True)
     for c, ((name, column), unit, noise, late, low) in enumerate(own):
         taken_out = known.lines is not None and bool(known.lines.channels[c].hz.size)
-        part = Part(column, unit, getattr(known.told, name), noise, late - min(known.late), low, taken_out)
+        traits = getattr(known.told, name)
+        part = Part(column, unit, traits, noise, late - min(lates), low, taken_out, c in means, filed)
         filters = [told_filter(own) for own in known.low_passes.told if own.channel == name]
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *filters, *_of_time(part, rate_hz)]
     if known.offset:
@@ -62,6 +71,7 @@ def cautions(
             f"current_a is {with_unit(known.zero, 'A')} off its zero, as motion in both directions shows: taken out; zero the "
             "sensor"
         )
+    found += _of_the_day(known.day)
     step = known.told.clock.resolution_s
     if step:
         found.append(
@@ -70,9 +80,27 @@ def cautions(
     return tuple(found)
 
 
+def _of_the_day(day: Day) -> Iterator[str]:
+    shares = {
+        "voltage_v reads": (day.voltage, "more", "less", "calibrate it, or learn the motor's Km anew"),
+        "current_a reads": (day.current, "more", "less", "calibrate it"),
+        "the winding has": (day.winding, "more resistance", "less resistance", "a warm one has"),
+        "the servo has": (day.gains, "more gain", "less gain", "learn the rig anew where it is so every day"),
+    }
+    for what, (share, more, less, then) in shares.items():
+        if share != 1.0:
+            by = with_unit(100.0 * abs(share - 1.0), "%")
+            side = more if share > 1.0 else less
+            yield f"{what} {by} {side} than by the rig file, as the first start shows: taken so for this log; {then}"
+
+
 def _of_the_model(isolation: Isolation) -> Iterator[str]:
     fit = isolation.consistency
-    if isolation.verdict.label != NOT_TESTED and fit.nis_mean > MISFIT * fit.nis_expected:
+    if (
+        isolation.verdict.label != NOT_TESTED
+        and not is_dead(isolation.verdict)
+        and fit.nis_mean > MISFIT * fit.nis_expected
+    ):
         yield (
             f"no hypothesis describes this machine as well as its sensors can tell (normalised innovation squared "
             f"{digits(fit.nis_mean)}, {digits(fit.nis_expected)} expected): is it another actuator, unit or load than "
@@ -91,6 +119,12 @@ def _of_readings(part: Part, rate_hz: float) -> Iterator[str]:
         yield (
             f"{part.column} is held, fresh {digits(traits.update_hz)} times a second: what a fault does to it shows up to "
             f"{with_unit(1.0 / traits.update_hz, 's')} late; log it at {digits(rate_hz, 4)} Hz"
+        )
+    elif traits.read < SELDOM:
+        share, late = digits(100.0 * traits.read, 2), with_unit(1.0 / (traits.read * rate_hz), "s")
+        yield (
+            f"{part.column} is read in {share} % of the rows only, or was interpolated in the others: what a fault does to it "
+            f"shows up to {late} late; log it at {digits(rate_hz, 4)} Hz"
         )
     if traits.resolution and traits.travel < FEWEST_STEPS * traits.resolution:
         yield (
@@ -112,6 +146,11 @@ def _of_noise(part: Part) -> Iterator[str]:
             f"the noise of {part.column} grows {digits(traits.grown, 2)} times from the first rest to the last: taken for "
             "another range, and the larger one for the noise of the whole log; keep one range"
         )
+    if traits.moving > 1.0:
+        yield (
+            f"the noise of {part.column} is {digits(traits.moving, 2)} times larger in motion than at rest, as that of brushes "
+            "or of a converter is: the larger one is taken for the whole log; shield the sensor or filter all channels alike"
+        )
     lines = ", ".join(
         f"{digits(line.hz, 4)} Hz ({with_unit(line.amplitude, part.unit)})" for line in sorted(traits.lines)
     )
@@ -132,6 +171,8 @@ def _of_noise(part: Part) -> Iterator[str]:
             f"has noise that wanders over {with_unit(traits.correlation_s, 's')}",
             "look for its source",
         )
+    elif not part.filed:
+        return
     else:
         why, cure = f"has a noise of {with_unit(traits.noise_std, part.unit)}", "look for its source"
     yield (
@@ -141,7 +182,9 @@ def _of_noise(part: Part) -> Iterator[str]:
 
 
 def _of_time(part: Part, rate_hz: float) -> Iterator[str]:
-    if part.traits.averaged > 1:
+    if part.without_mean:
+        yield f"{part.column} is a running mean of {part.traits.averaged} samples: what it is the mean of was taken; log that"
+    elif part.traits.averaged > 1:
         yield (
             f"{part.column} is a mean of the last {part.traits.averaged} samples: what a fault does to it shows up to "
             f"{with_unit(part.traits.averaged / rate_hz, 's')} late; log it without"

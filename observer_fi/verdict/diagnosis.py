@@ -1,9 +1,10 @@
 """A log in, a verdict out: file -> chunks -> bank -> isolation -> Outcome, in memory that does not grow with the log."""
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -46,15 +47,19 @@ from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
+from observer_fi.verdict.logger.left_out import left_out, may_be_a_channel, of_the_rest, without
+from observer_fi.verdict.moves.another_gain import or_another_gain
+from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
 from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
+from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import Testable, untested
-from observer_fi.verdict.wrong_rig import or_never_fitted, wrong_rig
+from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, wrong_rig
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
@@ -99,22 +104,47 @@ def diagnose(
     run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
     recovered = None
-    if not (file.has_command or rig.driven.command):
+    if rig.law is None and (rig.driven.command or not file.has_command):
         recovered = with_command(read_log(path, columns), rig)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
-    notes = [n for n in whole.notes if rig.driven.command is None or not n.startswith(ABSENT)]
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
-        "rejected_count": whole.rejected_count, "notes": tuple(notes),
+        "rejected_count": whole.rejected_count, "notes": _notes(whole.notes, rig),
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
-    log = as_followed(read_log(path, columns), rig) if recovered is None and is_odd(outcome) else None
-    if log is None:
-        return outcome
-    again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
-    again.add_all(_pieces(log, progress))
-    return better(outcome, again.outcome(log_name(path), {**facts, "notes": log.notes}))
+    read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
+    for other, choose in _taken_otherwise(outcome, read, rig, settings):
+        again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+        again.add_all(_pieces(other, progress))
+        told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
+        found = choose(outcome, told)
+        if found is not outcome:
+            return found
+    return outcome
+
+
+def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
+    """Those that matter to a drive: a column that it has no use for is not missing."""
+    return tuple(n for n in notes if rig.law is None or not n.startswith(ABSENT))
+
+
+def _taken_otherwise(
+    outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings
+) -> Iterator[tuple[Log, Callable[[Outcome, Outcome], Outcome]]]:
+    """A log in other ways, where its outcome asks for them, each with what chooses between that and the outcome of this one.
+
+    With the command that its servo followed; without a channel that contradicts the others from the first motion on.
+    """
+    followed = as_followed(read(), rig) if is_odd(outcome) else None
+    if followed is not None:
+        yield followed, better
+    if not may_be_a_channel(outcome):
+        return
+    log = read()
+    channel = left_out(log, rig, settings)
+    if channel is not None:
+        yield without(log, channel), partial(of_the_rest, channel=channel, rig=rig)
 
 
 def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
@@ -140,12 +170,13 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
-    outcome, estimate = _judged(with_command(log, rig), rig, settings, engine, filter_kind)
-    followed = as_followed(log, rig) if is_odd(outcome) else None
-    if followed is not None:
-        other, told = _judged(followed, rig, settings, engine, filter_kind)
-        found = better(outcome, other)
-        return found, estimate if found is outcome else told
+    given = with_command(log, rig)
+    outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
+    for other, choose in _taken_otherwise(outcome, lambda: given, rig, settings):
+        again, told = _judged(other, rig, settings, engine, filter_kind)
+        found = choose(outcome, again)
+        if found is not outcome:
+            return found, told
     return outcome, estimate
 
 
@@ -181,6 +212,7 @@ class Diagnosis:
         self.isolator, self.testable = Isolator(modes, settings.decision), Testable()
         self.onsets: dict[tuple[float, int], Any] = {}
         self.told: dict[float, Event] = {}  # what whole moves said, by their start
+        self.fitted = False  # whether the rig file explains the start of a move with a fault
         self.overview, self.samples_near, self.evidence = (
             sketch.Overview(),
             sketch.Samples(),
@@ -280,15 +312,30 @@ class Diagnosis:
         for event in events:
             if event.start_s in self.told or self._is_foreign(event):
                 continue
+            self.fitted = self.fitted or self._fits_at_first(event)
             doubting = self.last_word.doubting(event, self.memory)
             asked = self.last_word.needed(doubting)
             told = self.last_word.on(doubting, self.memory) if asked else event
             told = event if doubting is not event and told.label == NOMINAL and not told.alike else told
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
             told = or_frozen(of_a_stuck_sensor(told, self.memory, self.logged), self.memory)
-            told = self.with_room.on(told, self.memory, self.last_word.explained.get(event.start_s))
+            story = self.last_word.explained.get(event.start_s)
+            told = self._of_the_circuit(self.with_room.on(told, self.memory, story))
+            if self.detected_at is None and not any(e.start_s < event.start_s for e in self.isolator.events):
+                told = or_another_gain(told, self.memory, self.logged, self.settings, story)
+                told = or_the_brake(told, self.memory)
             if asked or told is not event:
                 self.told[event.start_s] = told
+
+    def _of_the_circuit(self, event: Event) -> Event:
+        known = event if event.onset_s is not None else self._with_onset(event)
+        told = of_the_circuit(known, self.memory, self.last_word)
+        return event if told is known else told
+
+    def _fits_at_first(self, event: Event) -> bool:
+        whole = None if event.label == NOMINAL else self.last_word.move(event, self.memory)
+        believable = self.settings.decision.strain_limit * self.logged.spread("A")
+        return whole is not None and fits_at_first(whole, event.start_s, believable or math.inf)
 
     def _is_foreign(self, event: Event) -> bool:
         """Whether a suspected unit or sign is told instead of what a move says: not where the rig file fits it or one before."""
@@ -368,10 +415,13 @@ class Diagnosis:
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         isolated = list(map(isolated_again, finished, found.events))
-        isolated[:1] = map(or_never_fitted, isolated[:1])
+        if self.detected_at is None:  # which may be anywhere in a move
+            isolated[:1] = map(or_never_fitted, isolated[:1])
         events = tuple(handed_on(isolated))
         verdict = log_verdict(list(events))
-        foreign = wrong_rig(verdict, events, found.consistency, self.suspects or (), self.last_word.explained)
+        foreign = wrong_rig(
+            verdict, events, found.consistency, self.suspects or (), self.last_word.explained, self.fitted
+        )
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)

@@ -78,6 +78,14 @@ def or_else(event: Event, label: str, why: str = "") -> Event:
     return event._replace(probability=0.5, posterior=posterior, alike=(label,), reasons=reasons)
 
 
+def or_healthy(event: Event, why: str) -> Event:
+    """A faulty event that may as well be none; why: a reason to tell."""
+    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, event.label: 0.5}
+    alike = tuple(dict.fromkeys((*event.alike, NOMINAL)))
+    reasons = (*event.reasons, why)
+    return event._replace(probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=reasons)
+
+
 def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:
     """A move that began with a friction as no rig of the rig file has, which nominal took up: jammed from its first sample on.
 

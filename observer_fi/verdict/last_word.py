@@ -141,7 +141,7 @@ class LastWord:
         if stories:
             gain = stories[0].gain
             self.explained[event.start_s] = Explained(whole.in_motion() + gain, gain)
-            return self.naming.told(event, stories, whole)
+            return _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0])
         counted = [path for path in paths if self.naming.counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
@@ -223,7 +223,7 @@ class LastWord:
         drift = _drift_at_rest(bank, event.end_s, whole)
         for story in stories:
             lost = _lost(story.path) if story.mode == "slip" else 0.0
-            if lost and _keeps_pace(story.path, lost, event.start_s, whole):
+            if lost and _keeps_pace(story.path, lost, event.start_s, whole, self.rig.watched.servo):
                 yield story._replace(mode=MISREAD)
                 continue
             if not lost or not whole.lasts(story.path):
@@ -282,6 +282,23 @@ class LastWord:
         return _from_where_it_is_known(whole) if at_once else whole
 
 
+def _or_the_banks(told: Event, event: Event, paths: Sequence[Path], best: Story) -> Event:
+    """What the whole move says, or as well the fault of which the bank is sure, where that explains the move best of all but with
+    constants that are not believable: those of a data sheet are guesses."""
+    known = event.label not in (NOMINAL, UNKNOWN, told.label, *told.alike)
+    if not known or not any(p.hypothesis.label == event.label and p.gain >= best.gain for p in paths):
+        return told
+    posterior = dict.fromkeys(told.posterior, 0.0) | {told.label: 0.5, event.label: 0.5}
+    why = f"of {FAULTS[event.label].title.lower()}, which explains this move better, the constants are not believable"
+    return told._replace(
+        probability=0.5,
+        posterior=posterior,
+        alike=(*told.alike, event.label),
+        isolated_s=None,
+        reasons=(*told.reasons, why),
+    )
+
+
 def _fits_as(event: Event, paths: Sequence[Path], stories: Sequence[Story], whole: WholeMove) -> bool:
     """Whether a path of the event's own channel describes the move, and nearly as much of it as any story."""
     most = max(story.gain for story in stories)
@@ -324,11 +341,11 @@ def _lost(path: Path) -> float:
     return constant(path, next(own for own in path.hypothesis.own if own.name == "E"))[0]
 
 
-def _keeps_pace(path: Path, lost: float, start_s: float, whole: WholeMove) -> bool:
+def _keeps_pace(path: Path, lost: float, start_s: float, whole: WholeMove, told: bool) -> bool:
     """Whether a mass goes on as fast as before a fault that should have lost it a share of its travel, and a voltage says so.
 
     At a steady speed, soon after the fault and as long as it lasts: one that grows takes little at first. start_s: when the move
-    began.
+    began. told: whether the servo is, and with it the command; one that is made of the voltage rises with what that reads.
     """
     window = whole.window
     t, begin = window.t, float(window.t[path.begin])
@@ -338,7 +355,7 @@ def _keeps_pace(path: Path, lost: float, start_s: float, whole: WholeMove) -> bo
     last = _steady(whole, max(end - AROUND_S[1], begin + AROUND_S[0]), end - AROUND_S[0])
     if not np.isfinite(window.z[soon, 0]).any():
         return False
-    return all(_as_fast(earlier, later, abs(lost), window) for later in (soon, last))
+    return all(_as_fast(earlier, later, abs(lost), window, told) for later in (soon, last))
 
 
 def _steady(whole: WholeMove, since: float, until: float) -> Mask:
@@ -346,15 +363,16 @@ def _steady(whole: WholeMove, since: float, until: float) -> Mask:
     return (whole.window.t > since) & (whole.window.t < until) & whole.window.active
 
 
-def _as_fast(earlier: Mask, later: Mask, lost: float, window: LogSamples) -> bool:
-    """Whether a mass has kept its speed, and its command, but for a part of a share that was lost."""
+def _as_fast(earlier: Mask, later: Mask, lost: float, window: LogSamples, told: bool) -> bool:
+    """Whether a mass has kept its speed, and a command that is told, but for a part of a share that was lost."""
     if not earlier.any() or not later.any():
         return False
     asked = float(window.w_cmd[earlier].mean()), float(window.w_cmd[later].mean())
     moved = slope_of(window.t[earlier], window.z[earlier, 2]), slope_of(window.t[later], window.z[later, 2])
     if moved[0] is None or moved[1] is None:
         return False
-    return all(abs(b - a) < KEEPS * lost * abs(a) for a, b in (asked, (moved[0], moved[1])))
+    pairs = [(moved[0], moved[1]), asked] if told else [(moved[0], moved[1])]
+    return all(abs(b - a) < KEEPS * lost * abs(a) for a, b in pairs)
 
 
 def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:

@@ -2,9 +2,15 @@
 
 from collections.abc import Container, Sequence
 
+import numpy as np
+
 from observer_fi.numerics import digits
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
 from observer_fi.records import Consistency, Event, Outcome
+from observer_fi.verdict.drift import or_healthy
+from observer_fi.verdict.moves.circuit import is_dead
+from observer_fi.verdict.moves.naming import FITS
+from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove
 from observer_fi.verdict.stuck import STANDS_STILL
 
 SAID = "this rig file does not describe this machine"
@@ -12,9 +18,8 @@ FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the f
 FAR_UNKNOWN = 4.0  # the same where the free hypothesis itself has won
 CLEAN_S = 0.05  # of motion before a fault that nominal explains: on a wrong rig it explains none
 AT_ONCE_S = 4e-3  # after a start: no fault comes with the motion, but a wrong rig does
-FIRST_START_S = (
-    0.06  # of a log, in which a sensor that fails is not told from one that was never what the rig file says
-)
+# After the first start of a log: a sensor that fails so soon is not told from one that was never what the rig file says.
+FIRST_START_S = 0.06
 _OR_NEVER_WAS = (
     "the channel contradicts the others from the log's first motion on, so that it may as well be read, scaled or filtered "
     "in another way than the rig file says, of a healthy actuator: a log that begins with a healthy move tells"
@@ -37,21 +42,20 @@ def _from_the_start(verdict: Event) -> bool:
     return verdict.label == UNKNOWN and onset is not None and onset - verdict.start_s <= AT_ONCE_S
 
 
+def begins_with_the_motion(event: Event) -> bool:
+    """Whether a fault begins with its move's start."""
+    return event.onset_s is not None and event.onset_s - event.start_s <= FIRST_START_S
+
+
 def or_never_fitted(event: Event) -> Event:
-    """The first event of a log, of a sensor that did not fit from its first motion on shared with health; not one that stands."""
-    at_once = event.onset_s is not None and event.onset_s - event.start_s <= FIRST_START_S
+    """The first event of a log; one of a sensor that contradicts the others from its first motion on is shared with health.
+
+    Not where the sensor stands still to the last digit, which no setting of a logger does.
+    """
     stuck = any(STANDS_STILL in reason for reason in event.reasons)
-    if event.label != "sensor_fault" or not at_once or stuck:
+    if event.label != "sensor_fault" or not begins_with_the_motion(event) or stuck:
         return event
-    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, "sensor_fault": 0.5}
-    alike = tuple(dict.fromkeys((*event.alike, NOMINAL)))
-    return event._replace(
-        probability=0.5,
-        posterior=posterior,
-        alike=alike,
-        isolated_s=None,
-        reasons=(*event.reasons, _OR_NEVER_WAS),
-    )
+    return or_healthy(event, _OR_NEVER_WAS)
 
 
 def _explained(verdict: Event, told: Container[float]) -> bool:
@@ -60,22 +64,38 @@ def _explained(verdict: Event, told: Container[float]) -> bool:
     return whole and verdict.label != UNKNOWN and onset is not None and onset - verdict.start_s >= CLEAN_S
 
 
+def fits_at_first(whole: WholeMove, start_s: float, believable: float) -> bool:
+    """Whether nominal explains a move from its start on until the ring of that is over: then the machine is the rig file's.
+
+    believable: by how much the friction that it takes up may differ from the rig file's, as a share of that.
+    """
+    moving = whole.window.active & (whole.window.t >= start_s)
+    settled = np.flatnonzero(moving & (whole.window.t >= start_s + SETTLED_S))
+    if not settled.size:
+        return False
+    mean = np.cumsum(np.where(moving, whole.nis, 0.0)) / np.maximum(np.cumsum(moving), 1)
+    fits = settled[mean[settled] <= FITS * whole.expected(whole.nominal)]
+    return bool(fits.size) and abs(whole.friction(int(fits[0])) - 1.0) <= believable
+
+
 def wrong_rig(
     verdict: Event,
     events: Sequence[Event],
     consistency: Consistency,
     suspects: Sequence[str],
     told: Container[float] = (),
+    fitted: bool = False,
 ) -> str:
     """Why a fault that was found is none, "" where it may be one. suspects: what is odd about the size of channels.
 
-    told: starts of the moves whose every sample a story explains. A rig that one move fits, the first of `events`, is this
-    machine's, and one whose move a fault with a name explains that begins in motion which nominal does. The free hypothesis
-    follows any torque and any voltage, so that even a fault without a name leaves it small innovations.
+    told: starts of the moves whose every sample a story explains. fitted: whether nominal explains the start of a move. A rig
+    that one move fits, the first of `events`, or a start, is this machine's, and one whose move a fault with a name explains that
+    begins in motion which nominal does. The free hypothesis follows any torque and any voltage, so that even a fault without a
+    name leaves it small innovations.
     """
     if verdict.label in (NOMINAL, NOT_TESTED) or (events and events[0].label == NOMINAL):
         return ""
-    if not suspects and _explained(verdict, told):
+    if not suspects and (fitted or is_dead(verdict) or _explained(verdict, told)):
         return ""
     if suspects:
         return f"{SAID}, or a column has another unit or sign than its map says: {suspects[0]}"

@@ -36,8 +36,14 @@ UNKNOWN_SIZES = {
     "supply_collapse": 0.5,  # Vmax becomes this many times Vmax
     "periodic_torque": 2e-4,  # amplitude [N m] of a sudden 3 Hz torque
 }
-
-
+# What `draw_move_case` does not draw: faults of the motor's circuit.
+LATER_UNKNOWN_SIZES = {
+    "weak_magnets": 0.85,  # Km becomes this many times Km
+    "worn_brushes": 0.8,  # V more at the brushes
+    "open_circuit": 1e4,  # Rm becomes this many times Rm
+    "supply_off": 1e-3,  # Vmax becomes this many times Vmax
+}
+ALL_UNKNOWN = UNKNOWN_SIZES | LATER_UNKNOWN_SIZES
 DEFAULT_SIZES = {"slip": 0.5, "jam": 1.0}
 
 
@@ -60,7 +66,7 @@ class Obstacle:
 class Fault:
     """One fault. label: of LABELS; onset_s on the log's clock.
 
-    kind: for "sensor_fault" one of FAILURES, with channel of CHANNELS; for "unknown" of UNKNOWN_SIZES.
+    kind: for "sensor_fault" one of FAILURES, with channel of CHANNELS; for "unknown" of ALL_UNKNOWN.
     size: as in those tables, None = theirs; of a slip the share of the travel that is lost, of a jam by how many times its
     friction rises. duration_s: how long it lasts. growth_s: over what time a slip or a jam reaches its size.
     """
@@ -75,7 +81,7 @@ class Fault:
     obstacle: Obstacle | None = None
 
     def __post_init__(self):
-        kinds = {"sensor_fault": tuple(FAILURES), "unknown": tuple(UNKNOWN_SIZES)}.get(self.label, ("",))
+        kinds = {"sensor_fault": tuple(FAILURES), "unknown": tuple(ALL_UNKNOWN)}.get(self.label, ("",))
         if self.label not in LABELS or self.kind not in kinds:
             raise ValueError(f"{self.label!r} of kind {self.kind!r}: labels are {LABELS}, kinds {kinds}")
         if (self.label == "nominal") != (self.onset_s is None):
@@ -97,7 +103,7 @@ class Fault:
             return FAILURES[self.kind][self.channel]
         if self.label in DEFAULT_SIZES:
             return DEFAULT_SIZES[self.label]
-        return UNKNOWN_SIZES.get(self.kind, 0.0)
+        return ALL_UNKNOWN.get(self.kind, 0.0)
 
 
 NO_FAULT = Fault()
@@ -156,6 +162,10 @@ def _unknown(plant: Plant, fault: Fault) -> Plant:
         "resistance_jump": {"Rm": plant.Rm * size},
         "supply_collapse": {"Vmax": plant.Vmax * size},
         "periodic_torque": {"shake_amplitude": size, "shake_start": fault.onset_s},
+        "weak_magnets": {"Km": plant.Km * size},
+        "worn_brushes": {"brush_drop": plant.brush_drop + size},
+        "open_circuit": {"Rm": plant.Rm * size},
+        "supply_off": {"Vmax": plant.Vmax * size},
     }
     return plant._replace(**changes[fault.kind])
 

@@ -11,7 +11,7 @@ class Rig:
 
     Rm, Rs [ohm], Km [N m/A], D [m/rad], Vmax [V], accel [rad/s^2], Kp [A s/rad], Ki [A/rad], J [kg m^2],
     A [N m], B [N m/deg], C [N m/m^2], E [1]; A_loose, J_loose are A', J' after a coupling loss; the stops are
-    positions of the mass [m] at which each end touches.
+    positions of the mass [m] at which each end touches. L [H]: of the winding, which the paper leaves out.
     """
 
     Rm: float = 20.2
@@ -31,6 +31,7 @@ class Rig:
     J_loose: float = 4.6e-7
     stop_low_m: float = -0.05
     stop_high_m: float = 0.05
+    L: float = 0.0
 
 
 TABLE_1 = Rig()

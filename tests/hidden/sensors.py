@@ -47,6 +47,11 @@ class Sensors(NamedTuple):
     position_creep: float = 0.0
     position_creep_time: float = 5.0
     position_per_degree: float = 0.0
+    position_square: float = 0.0  # 1/m
+    position_hysteresis: float = 0.0  # m
+    position_hysteresis_way: float = 2e-4  # m, over which the magnet turns about
+    position_ring: float = 0.0  # share of x that a frame which swings at 40 Hz puts in
+    current_filter: float = 0.0  # s
     current_offset: float = 0.0
     current_gain: float = 0.0
     voltage_delay: float = 0.0
@@ -56,7 +61,8 @@ class Sensors(NamedTuple):
 
 def needs_history(sensors: Sensors) -> bool:
     """Whether a sensor remembers what happened between two samples."""
-    return sensors.position_lag > 0.0 or sensors.position_delay > 0.0 or sensors.voltage_delay > 0.0
+    lags = (sensors.position_lag, sensors.position_delay, sensors.voltage_delay, sensors.current_filter)
+    return max(lags) > 0.0 or sensors.position_hysteresis != 0.0 or sensors.position_ring != 0.0
 
 
 def record(motion: Motion, times, pitch, command, Rs, sensors: Sensors, logger: Logger, fault: Fault, rng):
@@ -85,7 +91,10 @@ def clean_channel(motion: Motion, channel: str, times, pitch, Rs, sensors: Senso
     if channel == "voltage":
         return _voltage(motion, times, Rs, sensors)
     if channel == "current":
-        return _at(motion, motion.current, times) * (1.0 + sensors.current_gain) + sensors.current_offset
+        i = motion.current
+        if sensors.current_filter > 0.0:
+            i = _lagged(motion, i, sensors.current_filter)
+        return _at(motion, i, times) * (1.0 + sensors.current_gain) + sensors.current_offset
     return _position(motion, times, pitch, sensors)
 
 
@@ -105,21 +114,44 @@ def _position(motion, times, pitch, sensors):
     """The absolute sensor: lag, delay, gain, periodic error, creep, pitch error, in that order."""
     x = motion.position
     if sensors.position_lag > 0.0:
-        ratio = 2.0 * sensors.position_lag / (motion.time[1] - motion.time[0])
-        b, a = (
-            [1.0 / (1.0 + ratio)] * 2,
-            [1.0, (1.0 - ratio) / (1.0 + ratio)],
-        )  # bilinear: a ramp lags exactly
-        x, _ = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])
+        x = _lagged(motion, x, sensors.position_lag)
+    if sensors.position_ring != 0.0:
+        x = x + sensors.position_ring * _swinging(motion)
+    if sensors.position_hysteresis != 0.0:
+        x = x + sensors.position_hysteresis * _turned(motion.position, sensors.position_hysteresis_way)
     x = _at(motion, x, times - sensors.position_delay)
     ripple = np.sin(2 * np.pi * x / sensors.position_ripple_period + sensors.position_ripple_phase)
     creep = sensors.position_creep * (1.0 - np.exp(-times / sensors.position_creep_time))
     return (
         (1.0 + sensors.position_gain) * x
+        + sensors.position_square * x**2
         + sensors.position_ripple * ripple
         + creep
         + sensors.position_per_degree * pitch
     )
+
+
+def _lagged(motion, values, lag):
+    """A first-order lag of `lag` seconds, bilinear: a ramp lags exactly."""
+    ratio = 2.0 * lag / (motion.time[1] - motion.time[0])
+    b, a = [1.0 / (1.0 + ratio)] * 2, [1.0, (1.0 - ratio) / (1.0 + ratio)]
+    return lfilter(b, a, values, zi=lfilter_zi(b, a) * values[0])[0]
+
+
+def _swinging(motion, hz=40.0, damping=0.05):
+    """What a frame on springs adds to the place of the mass: its answer to the acceleration, as x in the limit of a rigid one."""
+    h, w = motion.time[1] - motion.time[0], 2.0 * np.pi * hz
+    b, a = [1.0, -2.0, 1.0], [1.0 + 2.0 * damping * w * h + (w * h) ** 2, -2.0 - 2.0 * damping * w * h, 1.0]
+    return lfilter(b, a, motion.position - motion.position[0])
+
+
+def _turned(x, way):
+    """-1 to 1: how far a magnet with hysteresis has turned about since the last reversals."""
+    state, out = 0.0, np.empty(x.size)
+    for k, dx in enumerate(np.diff(x, prepend=x[0]).tolist()):
+        state += (np.sign(dx) - state) * (1.0 - np.exp(-abs(dx) / way))
+        out[k] = state
+    return out
 
 
 def _at(motion, values, times):

@@ -28,7 +28,8 @@ class TruthSpec:
     servo's error integral I then, which holds it. static_ratio: break-away friction over sliding friction. servo_hz:
     rate of the PI servo; servo_encoder: it sees quadrature steps instead of the exact speed. substep_hz: integration
     steps a second, a multiple of 2 * servo_hz and of the log's rate. Kx: gain of a position loop around the servo [1/s], 0 for
-    none, and window_m: how near to its goal it rests; the log then has position_cmd_m and no commanded speed.
+    none, and window_m: how near to its goal it rests; the log then has position_cmd_m and no commanded speed. speed_forward,
+    torque_forward: shares of the commanded speed and of the torque for its acceleration that this loop is fed forward.
     """
 
     profile: Profile = campaign()
@@ -45,6 +46,8 @@ class TruthSpec:
     substep_hz: float = 48000.0
     Kx: float = 0.0
     window_m: float = 0.0
+    speed_forward: float = 0.0
+    torque_forward: float = 0.0
 
 
 def make_log(spec: TruthSpec, seed: int) -> tuple[pd.DataFrame, dict]:
@@ -130,6 +133,7 @@ def _simulate(spec: TruthSpec, dense: bool) -> tuple[Motion, tuple[float, float]
         switches,
         _servo(spec),
         _servo_command(spec, steps // per_tick + 1),
+        _fed_forward(spec, steps // per_tick + 1),
         pitch_at(spec.profile, np.arange(steps) * step),
         step,
         per_tick,
@@ -162,7 +166,8 @@ def _phases(spec: TruthSpec) -> tuple[tuple[Plant, ...], np.ndarray]:
 def _plant(spec: TruthSpec) -> Plant:
     rig = spec.rig
     letters = {
-        name: float(getattr(rig, name)) for name in ("Rm", "Rs", "Km", "D", "Vmax", "J", "A", "B", "C", "E")
+        name: float(getattr(rig, name))
+        for name in ("Rm", "Rs", "Km", "D", "Vmax", "J", "A", "B", "C", "E", "L")
     }
     return Plant(
         **letters,
@@ -186,6 +191,15 @@ def _servo_command(spec: TruthSpec, ticks: int):
     accel = min(spec.rig.accel, fields.get("slew", np.inf))
     times = (np.arange(ticks) + 0.5) / spec.servo_hz - fields.get("delay", 0.0)
     return (travel_at if spec.Kx > 0.0 else command_at)(spec.profile, accel, times)
+
+
+def _fed_forward(spec: TruthSpec, ticks: int):
+    """Speed [rad/s] and current [A] beside the position loop at each tick, (ticks, 2)."""
+    edges = np.arange(ticks + 1) / spec.servo_hz
+    speeds = command_at(spec.profile, spec.rig.accel, edges)
+    pull = spec.rig.J / spec.rig.Km * spec.servo_hz * np.diff(speeds)
+    middle = 0.5 * (speeds[1:] + speeds[:-1])
+    return np.column_stack([spec.speed_forward * middle, spec.torque_forward * pull])
 
 
 def _direction_at(spec: TruthSpec, time_s: float) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from observer_fi.improve.improvement import detectable
 from observer_fi.improve.ladder import name_causes, next_step, still_standing
-from observer_fi.improve.problem import Candidate, HeldOut, Step, Trial
+from observer_fi.improve.steps import Candidate, HeldOut, Step, Trial
 from observer_fi.physics.effects import CAUSES, Variant
 
 Model = frozenset  # of the causes that stand in it

@@ -7,9 +7,9 @@ import pytest
 from campaigns import campaign
 from force_rig import DRAG, VISCOUS, D, Truth, log, rig
 
-from observer_fi.improve.calculated_force import calculated_force
+from observer_fi.improve.force.calculated_force import calculated_force
+from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.improve.residual_tables import CHANNELS, residual_tables
-from observer_fi.improve.simulated_moves import simulated_moves
 from observer_fi.learn.move_data import run
 from observer_fi.logs.moves import Phase
 from observer_fi.physics import simulation as s

@@ -45,6 +45,16 @@ def test_missing_samples_are_left_out():
     assert abs(result.values["J"] - RIG.model["J"]) < 5.0 * result.std["J"]
 
 
+def test_a_fit_ends_where_it_will_not_come_to_its_goal():
+    """And is then within what the steps that are left could gain; a goal that it reaches changes nothing."""
+    experiment = prepare([campaign(with_values(RIG, {"J": 5e-7, "A": 4.2e-4}))], RIG)
+    whole = fit(experiment, RIG.model, parameters(*NAMES), worth=1e-9)
+    reached = fit(experiment, RIG.model, parameters(*NAMES), worth=1e-9, goal=1.01 * whole.objective)
+    ended = fit(experiment, RIG.model, parameters(*NAMES), worth=1e-9, goal=0.9 * whole.objective)
+    assert reached.values == whole.values and whole.converged and not ended.converged
+    assert whole.objective < ended.objective < whole.objective + 0.1 * experiment.t.size
+
+
 def test_a_parameter_that_the_log_cannot_see_keeps_its_prior():
     result = fit(prepare([campaign(pitches=(0.0,))], RIG), RIG.model, parameters("A", "B", relative=0.1))
     assert result.values["B"] == pytest.approx(RIG.model["B"], rel=1e-3)

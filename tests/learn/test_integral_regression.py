@@ -3,7 +3,8 @@
 import numpy as np
 
 from observer_fi.learn.contacts_and_losses import motor_angle
-from observer_fi.learn.integral_regression import _integral
+from observer_fi.learn.integral_regression import Window, _from_voltage, _integral
+from observer_fi.physics import DataSheet, Rig, rig_of_sheet
 
 
 def test_an_integral_of_a_ring_of_twelve_samples_is_that_of_its_curve() -> None:
@@ -19,3 +20,34 @@ def test_of_a_few_samples_it_is_by_trapezoids() -> None:
     t, y = np.array([0.0, 0.1, 0.3]), np.array([1.0, 2.0, 2.0])
     np.testing.assert_allclose(_integral(t, y), [0.0, 0.15, 0.55])
     assert _integral(t[:1], y[:1]) == 0.0
+
+
+SHEET = DataSheet(
+    "soft", "voltage", resistance=0.6, torque_constant=0.06, rotor_inertia=5e-5, lead=5e-3, mass=2.0, travel=0.5, supply=24.0
+)  # fmt: skip
+
+
+def soft_windows(rig: Rig, seed: int) -> list[Window]:
+    """Softly started moves either way, a quarter of a second a window: the current hardly changes by more than its noise."""
+    rng, p, windows = np.random.default_rng(seed), rig.model, []
+    t = np.arange(250) / 1000.0
+    for k in range(60):
+        way, phase, top = (-1.0) ** k, rng.uniform(0.0, 2.0 * np.pi), rng.uniform(100.0, 300.0)
+        w = way * top * (1.0 + 0.3 * np.sin(6.0 * t + phase))
+        i = (p["J"] * np.gradient(w, t) + way * p["A"]) / p["Km"]
+        V, x = p["Rm"] * i + p["Km"] * w, p["D"] * motor_angle(t, w)
+        z = np.column_stack([V, i, x]) + np.array([5e-3, 30e-3, 1e-4]) * rng.normal(size=(t.size, 3))
+        windows.append(Window(t, z, np.zeros(t.size), w, way))
+    return windows
+
+
+def test_the_noise_of_the_current_makes_no_resistance_smaller() -> None:
+    """Plain least squares took it for half of what it is, and every other constant with it."""
+    rig = rig_of_sheet(SHEET).rig
+    found = [_from_voltage(soft_windows(rig, seed), rig) for seed in range(12)]
+    Rm = np.array([values[0] for _, values, _, _ in found]) / rig.model["Rm"]
+    std = np.array([np.sqrt(covariance[0, 0]) for _, _, covariance, _ in found]) / rig.model["Rm"]
+    assert abs(Rm.mean() - 1.0) < 3.0 * std.mean() / np.sqrt(Rm.size)
+    assert np.abs((Rm - 1.0) / std).max() < 4.0
+    plain = _from_voltage(soft_windows(rig, 0), rig, plain=True)[1][0] / rig.model["Rm"]
+    assert plain < 1.0 - 4.0 * std.mean()

@@ -1,9 +1,11 @@
 """Rigs of data sheets alone: where their fits begin, and what their intervals are worth."""
 
+from dataclasses import replace
+
 import hidden
 import pytest
 
-from observer_fi.learn import identify
+from observer_fi.learn import identified_rig, identify
 from observer_fi.learn.servo.servo_start import with_crawl, with_start
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log
@@ -25,6 +27,17 @@ def test_the_loop_of_a_position_servo_is_found_with_its_gains(seed: int) -> None
     assert found["Kx"] == pytest.approx(actuator.loop, rel=6e-5)  # on it rests the scale of every speed
     for name in ("Kp", "Ki"):
         assert found[name] == pytest.approx(getattr(actuator.rig, name), rel=0.05), name
+
+
+def test_a_speed_that_is_fed_forward_is_no_proportional_loop() -> None:
+    """A loop whose speed and torque are fed forward has no error to speak of: what was found of Kx was hundreds of times it."""
+    actuator, rig, _ = learnt_from(61009, "position_servo")
+    spec = replace(hidden.healthy_spec(actuator), speed_forward=1.0, torque_forward=1.0)
+    log = rigs_study._read(hidden.actuator_log(actuator, spec, 61009)[0], rig)
+    begun = with_start([log], rig)
+    assert begun.model["Kx"] == rig.model["Kx"] and begun.quantities["Kx"].method == "guess"
+    assert begun.quantities["J"].method == "from the logs" and begun.law is None
+    assert rig.law is not None  # of a data sheet: nobody knows yet
 
 
 @pytest.mark.parametrize("seed", [70006])
@@ -95,3 +108,15 @@ def test_a_position_servo_is_learnt_from_its_data_sheet(seed: int) -> None:
         # Between samples nobody knows how the loop's steps rang: gains are told to a percent, the rest to half of one.
         assert abs(found[name].value / true - 1.0) < (1e-2 if name in ("Kp", "Ki") else 5e-3), name
         assert abs(found[name].value - true) < 6.0 * found[name].std, name
+
+
+def test_viscous_friction_that_was_fitted_both_ways_is_there_on_the_way_back() -> None:
+    """It was written for the way forth alone: a healthy move back looked jammed from its first sample on."""
+    actuator, rig, _ = learnt_from(621001, "current")
+    size = 0.6 * actuator.rig.A / actuator.speed
+    effects = (hidden.effect("viscous_friction", plus=size, minus=size),)
+    spec = replace(hidden.healthy_spec(actuator), effects=effects)
+    log = rigs_study._read(hidden.actuator_log(actuator, spec, 621001)[0], rig)
+    found = identified_rig(identify([log], rig), rig).model
+    for name in ("viscous_positive", "viscous_negative"):
+        assert found[name] == pytest.approx(size, rel=0.05), name

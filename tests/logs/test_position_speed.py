@@ -8,8 +8,8 @@ import pytest
 from documented_rigs import lift
 from hidden import actuator_log, fault_spec, healthy_spec, true_motion
 
-from observer_fi.logs import log_from_frame, position_speed, recover_command
-from observer_fi.physics import load_rig, override
+from observer_fi.logs import log_from_frame, position_speed, recover_command, with_command
+from observer_fi.physics import DataSheet, Rig, load_rig, override, rig_of_sheet, with_values
 from observer_fi.records import Log
 
 ACTUATOR = lift()
@@ -132,3 +132,28 @@ def test_what_the_current_did_not_drive_is_no_stall(shown: float) -> None:
     V = np.where(t < 1.0, Rm * i + Km * w, shown * Km * 200.0)
     w_cmd = recover_command(position_only(t, i, np.cumsum(w) * 2e-3 * MODEL["D"], V), MODEL).w_cmd
     assert (w_cmd[(t > 0.6) & (t < 0.95)] != 0.0).all() and (w_cmd[t > 1.7] == 0.0).all()
+
+
+@pytest.mark.parametrize(("pull", "told"), [(3.0, True), (-3.0, True), (1.2, False)])
+def test_a_motor_that_pulls_in_vain_is_told_to_move(pull: float, told: bool) -> None:
+    """A mass that stands beside a motor turning to and fro was at rest, and a lost coupling no fault; not within friction."""
+    t = np.arange(2000) / 1000.0
+    moves, pulls = (t > 0.3) & (t < 0.8), (t > 1.4) & (t < 1.6)
+    x = 0.05 * np.clip(t - 0.3, 0.0, 0.5) + 1e-5 * np.random.default_rng(1).normal(size=t.size)
+    rig = learned_rig()
+    amperes = rig.model["A"] / rig.model["Km"]
+    i = amperes * np.where(moves, 1.0, np.where(pulls, pull, 0.0))
+    log = log_from_frame(pd.DataFrame({"time_s": t, "current_a": i, "position_m": x}))
+    command = with_command(log, rig).w_cmd[pulls]
+    assert (command != 0.0).mean() == pytest.approx(1.0 if told else 0.0, abs=0.1)
+    assert not told or np.sign(np.median(command)) == np.sign(pull)
+
+
+def learned_rig() -> Rig:
+    """A current drive whose friction a log has shown: 5 mm a turn, 0.1 N m."""
+    values = {"J": 1e-4, "A": 0.1, "Km": 0.06, "D": 5e-3 / (2.0 * np.pi)}
+    sheet = DataSheet(
+        "lab", "current", lead=5e-3, torque_constant=0.06, rotor_inertia=5e-5, resistance=0.6, supply=24.0
+    )
+    rig = rig_of_sheet(sheet).rig
+    return with_values(rig, values, {"A": 1e-3}, "identified")

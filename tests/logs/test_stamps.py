@@ -35,6 +35,10 @@ STYLES = {
     "american": lambda d: d.strftime("%m/%d/%Y %I:%M:%S.%f %p"),
     "british": lambda d: d.strftime("%d/%m/%Y %H:%M:%S.%f"),
     "time of day": lambda d: d.strftime("%H:%M:%S.%f"),
+    "colon": lambda d: d.strftime("%H:%M:%S:%f"),
+    "month": lambda d: d.strftime("%d-%b-%Y %H:%M:%S.%f"),
+    "month and blanks": lambda d: d.strftime("%d %B %Y %H:%M:%S.%f"),
+    "named zone": lambda d: d.strftime("%Y-%m-%d %H:%M:%S.%f CET"),
     "nanoseconds": lambda d: d.strftime("%Y-%m-%dT%H:%M:%S.%f000"),
 }
 MAP = {"columns": {"time_s": {"header": "Zeitpunkt", "unit": "datetime"}}}
@@ -57,7 +61,7 @@ def test_a_style_gives_the_seconds_of_the_log(style: str, rows: int, tmp_path: P
     assert parts[0].rejected_count == 0
     start = (
         "23:59:59.5"
-        if style == "time of day"
+        if style in ("time of day", "colon")
         else "2026-03-28T22:59:59.5"
         if style == "zone"
         else "2026-03-28T23:59:59.5"

@@ -128,3 +128,25 @@ def test_bounds_of_a_given_effect():
         (2e-5, 2e-3)
     )  # scales with the rig: around its own value
     assert bounds("bump_position", 2e-4) == bounds("no_effect", 1.0) == (-math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("order", "cause"), [(5.003, "shaft_ripple"), (10.0, "shaft_ripple"), (4.76, "gear_ripple")]
+)
+def test_every_order_that_a_torque_shows_has_a_name(order: float, cause: str):
+    """Whole orders beyond those that are always tried had none: neither a shaft's, nor a gear's."""
+    variants = {
+        name: {v.name for v in CAUSES[name].variants(COVERED._replace(orders=(order,)), MOVES)}
+        - {v.name for v in CAUSES[name].variants(COVERED._replace(orders=()), MOVES)}
+        for name in ("shaft_ripple", "gear_ripple")
+    }
+    assert {name for name, more in variants.items() if more} == {cause}
+
+
+@pytest.mark.parametrize(
+    ("travel", "periods"), [(9e-4, {1e-3}), (1.9e-3, {1e-3, 5e-4}), (5e-3, {1e-3, 5e-4, 2e-3})]
+)
+def test_a_period_of_a_scale_is_one_that_the_travel_has_twice(travel: float, periods: set[float]):
+    """A sensor that is not linear was a periodic error of 2 mm, of which the log held half a period."""
+    variants = CAUSES["position_periodic_error"].variants(COVERED._replace(low=0.0, high=travel), MOVES)
+    assert {dict(v.fixed)["position_period"] for v in variants} == periods

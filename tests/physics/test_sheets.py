@@ -44,13 +44,29 @@ Km = 0.052
         ("184 rpm/V", "speed_constant", 19.26843), ("184 min⁻¹/V", "speed_constant", 19.26843),
         ("19.3 rad/(s V)", "speed_constant", 19.3), ("5.4 V/krpm", "back_emf", 0.0515662),
         ("5.4 V/1000 rpm", "back_emf", 0.0515662), ("520 g cm²", "inertia", 5.2e-5), ("520 gcm2", "inertia", 5.2e-5),
-        ("5.2e-5 kg m^2", "inertia", 5.2e-5), ("14:1", "gear", 14.0), ("14", "gear", 14.0), ("80 %", "efficiency", 0.8),
+        ("5.2e-5 kg m^2", "inertia", 5.2e-5), ("14:1", "gear", 14.0), ("14", "gear", 14.0),
+        ("1:14", "gear", 14.0), ("i = 14", "gear", 14.0), ("1 : 2.5", "gear", 2.5), ("0.5:1", "gear", 0.5),
+        ("80 %", "efficiency", 0.8),
         ("4 mm", "lead", 4e-3), ("0.2 in", "lead", 5.08e-3), ("500 mm", "travel", 0.5), ("4400 U/min", "speed", 460.7669),
-        ("12 lbf", "force", 53.37866), ("24 V", "voltage", 24.0),
+        ("12 lbf", "force", 53.37866), ("24 V", "voltage", 24.0), ("18 V DC", "voltage", 18.0),
+        ("≈ 4,2 Ohm", "resistance", 4.2), ("4.2Ω ±10 %", "resistance", 4.2), ("4.2 (+/- 0.2) ohm", "resistance", 4.2),
+        ("typ. 4.2 Ω @ 25 °C", "resistance", 4.2), ("max. 4.2 Ω", "resistance", 4.2), ("500 mA max", "current", 0.5),
+        ("2.6×10⁻⁷ kg m²", "inertia", 2.6e-7), ("2.6 x 10^-7 kg m2", "inertia", 2.6e-7), ("9 000 min-1", "speed", 942.4778),
+        ("2.48 oz-in/A", "torque_constant", 0.01751265), ("0.155 lb-in/A", "torque_constant", 0.01751265),
+        ("178 gcm/A", "torque_constant", 0.017455837), ("17.5 mNm A-1", "torque_constant", 0.0175),
+        ("1.42e-3 oz-in²", "inertia", 2.597177e-8), ("2.3e-6 lb-in-s²", "inertia", 2.598651e-7),
+        ("184 RPM/Volt", "speed_constant", 19.26843), ("1'000 g", "mass", 1.0),
     ],
 )  # fmt: skip
 def test_values_as_data_sheets_print_them(text: str, kind: str, value: float) -> None:
     assert value_of(text, kind, "--it")[0] == pytest.approx(value, rel=1e-6)
+
+
+def test_a_limit_is_told_to_be_taken_for_the_value_and_a_range_is_refused() -> None:
+    assert "is a limit" in value_of("max. 4.2 Ω", "resistance", "--it")[1]
+    assert not value_of("184 min-1/V", "speed_constant", "--it")[1]
+    with pytest.raises(UsageError, match="no unit"):
+        value_of("3.8-4.6 Ω", "resistance", "--it")
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.improve.calculated_force import calculated_force
+from observer_fi.improve.force.calculated_force import calculated_force
 from observer_fi.improve.ladder import name_causes
 from observer_fi.learn.inverse_columns import Columns
 from observer_fi.learn.inverse_dynamics import identify_force, relative, residual_on, solve, structure_of

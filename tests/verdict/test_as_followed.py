@@ -63,6 +63,22 @@ def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
     assert NOT_FOLLOWED in outcome.warnings and NOT_FOLLOWED in outcome.log.notes
 
 
+def test_half_the_rate_says_the_same() -> None:
+    log = spoilt("without its ramp", 41_006)
+    slow = replace(log, t=log.t[::2], z=log.z[::2], w_cmd=log.w_cmd[::2], pitch=log.pitch[::2])
+    outcome = diagnose_log(slow, RIG, SETTINGS)
+    assert outcome.isolation is not None and outcome.isolation.verdict.label == CLASSES[41_006 % 3]
+
+
+def test_a_command_that_breaks_off_behind_its_start_is_none_to_compare_with() -> None:
+    log = spoilt("late", 41_007)
+    first = int(np.flatnonzero(log.w_cmd)[0])
+    assert (
+        as_followed(replace(log, w_cmd=np.where(np.arange(log.t.size) < first, log.w_cmd, np.nan)), RIG)
+        is None
+    )
+
+
 @pytest.mark.parametrize("seed", range(41_010, 41_013))
 def test_a_command_that_is_followed_is_left_alone(seed: int) -> None:
     frame, _ = make_log(draw_move_case(seed, CLASSES[seed % 3]), seed)

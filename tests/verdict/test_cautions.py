@@ -9,27 +9,30 @@ from hidden import draw_move_case, make_log_with
 from logged_signals import SIGMA
 
 from observer_fi.logs.ingest import log_from_frame
-from observer_fi.logs.low_pass import LowPass, LowPasses
+from observer_fi.logs.logger.low_pass import LowPass, LowPasses
+from observer_fi.logs.logger.means import Mean
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, Line
 from observer_fi.settings import Settings
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.logger.lateness import Lateness
+from observer_fi.verdict.moves.of_the_day import Day
 
 RIG = load_rig()
-NONE, UNFILTERED = Lateness(), LowPasses()
+NONE, UNFILTERED, USUAL = Lateness(), LowPasses(), Day()
 PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(0.0, None, 1.0 / 1600.0))
 
 
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
          label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0,
-         lines: Any = None) -> tuple[str, ...]:  # fmt: skip
+         lines: Any = None, day: Day = USUAL, means: tuple[Mean, ...] = ()) -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(
-        rig=RIG, told=acquisition, late=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines
-    )
+        rig=RIG, told=acquisition, lateness=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines,
+        day=day, means=means,
+    )  # fmt: skip
     isolation: Any = SimpleNamespace(
-        verdict=SimpleNamespace(label=label), consistency=Consistency(nis, 3.0, 0.5)
+        verdict=SimpleNamespace(label=label, reasons=()), consistency=Consistency(nis, 3.0, 0.5)
     )
     return cautions(known, isolation, 1600.0)
 
@@ -59,6 +62,7 @@ WORDS = {
             ("current_a carries periodic disturbances at 50 Hz (2 mA), 150 Hz (800 µA)", "6.7 times", "shield")),
     "colour": (of_position(as_white=5e-5, correlation_s=20e-3), ("position_m has noise that wanders over 20 ms", "5 times")),
     "noise": (of_position(noise_std=3e-5, as_white=3e-5), ("position_m has a noise of 30 µm", "3 times the noise of the rig")),
+    "seldom": (of_position(read=0.0125), ("position_m is read in 1.2 % of the rows only", "50 ms late", "log it at 1600 Hz")),
     "mean": (of_position(averaged=32), ("position_m is a mean of the last 32 samples", "20 ms late")),
     "rounded": (PLAIN._replace(clock=Clock(3e-4, 1e-3, 1.25e-3)), ("time_s is rounded to 1 ms", "more digits")),
 }  # fmt: skip
@@ -69,6 +73,29 @@ def test_each_trait_is_told_with_what_to_change(trait: str) -> None:
     acquisition, words = WORDS[trait]
     (sentence,) = told(acquisition)
     assert all(part in sentence for part in words), sentence
+
+
+@pytest.mark.parametrize(
+    ("day", "words"),
+    [
+        (Day(voltage=0.95), "voltage_v reads 5 % less than by the rig file"),
+        (Day(winding=1.12), "the winding has 12 % more resistance"),
+        (Day(gains=1.2), "the servo has 20 % more gain"),
+    ],
+)
+def test_another_day_is_told(day: Day, words: str) -> None:
+    (sentence,) = told(day=day)
+    assert sentence.startswith(words)
+
+
+def test_a_mean_that_was_taken_out_is_told_as_such() -> None:
+    (sentence,) = told(of_current(averaged=16), means=(Mean(1, 16, 1e-4, ()),))
+    assert sentence.startswith("current_a is a running mean of 16 samples: what it is the mean of was taken")
+
+
+def test_more_noise_in_motion_is_told() -> None:
+    (sentence,) = told(of_current(moving=1.8))
+    assert sentence.startswith("the noise of current_a is 1.8 times larger in motion than at rest")
 
 
 def test_a_filter_is_told_with_what_it_leaves() -> None:

@@ -353,7 +353,7 @@ def test_explanations_say_what_when_how_sure_and_what_to_do() -> None:
     assert "cannot be placed" in said("unknown") and "wrong pitch reading" in said("unknown")
     for channel in ("voltage", "current", "position"):
         assert f"Check the {channel} sensor" in said("sensor_fault", channel)
-    assert "winding resistance looks the same" in said("sensor_fault", "voltage")
+    assert "while the motor stays at one speed" in said("sensor_fault", "voltage")
     assert "Note: it came and went." in said("overload", reasons=("it came and went",))
 
 

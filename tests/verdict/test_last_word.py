@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from scipy.stats import lognorm, norm
 
-from observer_fi.bank import HypothesisState, of_a_move
+from observer_fi.bank import HypothesisState, of_a_move, other_laws
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig, with_values
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.last_word import MOST_SURE, LastWord
+from observer_fi.verdict.moves.naming import Naming
 from observer_fi.verdict.moves.stories import of_any_decade
 from observer_fi.verdict.moves.whole_move import Path, WholeMove, _is_lost
 from observer_fi.verdict.onset import Filters
@@ -114,6 +115,31 @@ def test_what_is_left_after_a_coupling_loss_may_be_half_as_much() -> None:
 def test_a_mass_that_outruns_the_motor_is_a_position_sensor() -> None:
     v = verdict(hidden.Fault("sensor_fault", 1.5, "gain", "position", 1.15))
     assert (v.label, v.channel) == ("sensor_fault", "position")
+
+
+@pytest.mark.parametrize(("load", "std", "presses"), [(0.0, 1.0, False), (2.0, 1.0, False), (5.0, 1.0, True)])
+def test_a_mass_that_outruns_a_motor_under_a_load_is_no_position_that_lies(
+    load: float, std: float, presses: bool
+) -> None:
+    """A load that explains a current's gain left the mass 1.4 % too fast: that was a position sensor's failure for sure."""
+    obstacles = [
+        h
+        for h in (*of_a_move(RIG, Settings().bank), *other_laws(RIG, Settings().bank))
+        if h.name == "overload"
+    ]
+    whole: Any = SimpleNamespace(moving=1000, interval=1e-3, friction=lambda k: 1.0, against=lambda path: 1.0)
+    for law in obstacles:
+        held = "torque" if "torque" in law.states else "C"
+        n, k, lost = len(law.states), law.states.index(held), law.states.index("E")
+        x, P = np.zeros(n), np.zeros((n, n))
+        x[k], P[k, k] = load, std**2
+        x[lost], P[lost, lost] = -0.05, 1e-8
+        none = np.zeros(3)
+        memory = HypothesisState(x, P, none, none, none, none, none, none, none)
+        path = Path(law, 0, None, 100.0, memory, 3.0, 0.0)
+        told = [story.mode for story in Naming(RIG, Settings().decision).stories(path, whole)]
+        assert ("sensor:position" in told) is not presses
+    assert {"C", "torque"} <= {own.name for law in obstacles for own in law.own}
 
 
 def test_a_position_that_stands_still_under_its_noise_is_never_surely_a_lost_coupling() -> None:

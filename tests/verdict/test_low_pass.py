@@ -10,7 +10,7 @@ from logged_signals import RATE, signal
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.logs.ingest import log_from_frame
-from observer_fi.logs.low_pass import LowPasses
+from observer_fi.logs.logger.low_pass import LowPasses
 from observer_fi.physics.rigs import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings, Settings

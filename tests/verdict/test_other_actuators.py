@@ -1,11 +1,18 @@
 """Actuators that were judged wrong, each for another reason: from their data sheets to six verdicts."""
 
+from dataclasses import replace
+
 import hidden
 import numpy as np
 import pytest
 
-from observer_fi.logs import acquisition_of, log_from_frame, with_command
-from pipelines.rigs_study import Job, _learned, judged
+from observer_fi.learn import identified_rig, identify, with_equation_errors
+from observer_fi.logs import acquisition_of, log_from_frame, with_command, with_logger
+from observer_fi.physics import Rig
+from observer_fi.records import Log
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+from pipelines.rigs_study import Job, _from_sheet, _learned, judged
 
 
 def wrong(drive: str, seed: int) -> list[str]:
@@ -40,10 +47,38 @@ def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
         ("pi_servo", 300013),
         ("current", 301000),
         ("pi_servo", 301004),
+        (
+            "pi_servo",
+            600000,
+        ),  # at 250 samples a second a jam was a second fault, behind a sensor's of its first 32 samples
     ],
 )
 def test_an_actuator_is_judged_right(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [1.0, 0.05])
+def test_a_loop_that_is_fed_forward_is_judged_as_one_that_nobody_knows(share: float) -> None:
+    """Its command was none to speak of: no move, or a position sensor for sure; with 5 % a winding that was 20 % off."""
+    actuator = hidden.draw_actuator(300014, "position_servo")
+
+    def read(spec: hidden.TruthSpec, seed: int, rig: Rig) -> Log:
+        frame, _ = hidden.actuator_log(actuator, replace(spec, speed_forward=share), seed)
+        return with_command(log_from_frame(frame), rig)
+
+    sheet = _from_sheet(actuator)
+    log = read(hidden.healthy_spec(actuator), actuator.seed, sheet)
+    found = identified_rig(identify([log], sheet), sheet)
+    assert found.model["Rm"] == pytest.approx(actuator.rig.Rm, rel=0.01) and not found.watched.servo
+    log = with_command(log, found)
+    rig = with_equation_errors(with_logger(found, [log]), [log])
+    for label in ("nominal", "overload", "coupling_loss", "slip", "jam"):
+        spec = hidden.fault_spec(actuator, label, actuator.seed)
+        outcome = diagnose_log(read(spec, actuator.seed + 1, rig), rig, Settings())
+        assert outcome.isolation is not None
+        verdict = outcome.isolation.verdict
+        assert label in (verdict.label, *verdict.alike), label
 
 
 def test_a_motor_that_still_settles_after_its_move_is_no_noise_that_wanders() -> None:

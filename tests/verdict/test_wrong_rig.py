@@ -12,6 +12,7 @@ from observer_fi.physics import load_rig
 from observer_fi.records import Consistency
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.diagnosis import Diagnosis
 from observer_fi.verdict.testable import not_tested
 from observer_fi.verdict.wrong_rig import wrong_rig
 
@@ -119,3 +120,12 @@ def test_a_channel_that_never_fitted_is_not_surely_a_sensor_that_failed(channel:
     verdict = found.verdict
     assert verdict.label == "nominal" or not verdict.probability > 0.95
     assert verdict.label != "sensor_fault" or (verdict.alike == ("nominal",) and verdict.isolated_s is None)
+
+
+def test_a_sensor_that_fails_where_a_detection_says_is_not_shared_with_health() -> None:
+    frame, truth = hidden.make_log(hidden.draw_failing_case(41_020, "bias", "current", 3.0), 41_020)
+    run = Diagnosis(RIG, Settings(), detected_at=truth["onset_s"] - 0.005)
+    run.add(log_from_frame(frame))
+    found = run.outcome("move", {}).isolation
+    assert found is not None and (found.verdict.label, found.verdict.channel) == ("sensor_fault", "current")
+    assert found.verdict.probability > 0.95 and "nominal" not in found.verdict.alike

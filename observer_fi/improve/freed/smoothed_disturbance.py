@@ -18,7 +18,7 @@ from observer_fi.improve.freed.freed_equations import (
     freed_equations,
 )
 from observer_fi.improve.freed.random_walk import Series, series_of, smoothed
-from observer_fi.improve.unexplained import regressors
+from observer_fi.improve.moves.unexplained import regressors
 from observer_fi.learn import (
     DISTURBANCES,
     DRAG,

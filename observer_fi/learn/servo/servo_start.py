@@ -13,7 +13,7 @@ with u = x_cmd / D - angle, and its encoder is the integral of w. So
 in which the angle and the integral have next to no noise: they tell Kx, on which the scale of every speed rests.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,6 +30,9 @@ FIRST = ("J", "A", "Kp", "Ki")  # of which one that no log has shown is reason e
 BELOW = 0.97  # of the largest source voltage: above it the supply may limit
 BEFORE_S, AFTER_S = 0.02, 0.1  # of a move, in which the servo is looked at
 FEWEST = 50  # samples
+PROPORTIONAL = (
+    0.8  # of the speed, that the error of the position makes: more than 0.99 where nothing is fed forward
+)
 STEEP = 0.7  # of the steepest change of the command: on a ramp, not at its corner
 
 
@@ -82,15 +85,18 @@ def acceleration_of(logs: Sequence[Log]) -> dict[str, float]:
 
 
 def _gains(logs: Sequence[Log], rig: Rig) -> dict[str, float]:
-    """Kp and Ki, and Kx of a position servo; nothing where the logs do not show gains that a servo can have."""
+    """Kp and Ki, and Kx of a position servo; none of what the logs do not show as a servo can have it.
+
+    Smooth moves tell Kx and no gains; a fit that took Kx for what is guessed of it would have every speed off.
+    """
     Kx = _position_gain(logs, rig) if rig.driven.command is not None else None
+    known = {} if Kx is None else {"Kx": Kx}
     moves = [part for log in logs for part in _moves(log, rig)]
     if sum(part.i.size for part in moves) < FEWEST:
-        return {}
+        return known
     x = _solved([(*_errors(part, Kx), part.i) for part in moves])
-    found: Mapping[str, float] = {"Kp": float(x[0]), "Ki": float(x[1])}
-    found = found if Kx is None else {**found, "Kx": Kx}
-    return dict(found) if all(np.isfinite(v) and v > 0.0 for v in found.values()) else {}
+    gains = {"Kp": float(x[0]), "Ki": float(x[1])}
+    return {**known, **gains} if all(np.isfinite(v) and v > 0.0 for v in gains.values()) else known
 
 
 def _errors(part: "_Move", Kx: float | None) -> tuple[Array, Array]:
@@ -113,15 +119,23 @@ def _errors(part: "_Move", Kx: float | None) -> tuple[Array, Array]:
 
 def _position_gain(logs: Sequence[Log], rig: Rig) -> float | None:
     """Kx of a position servo [1/s]; None where its logs show none."""
-    parts = []
-    for part in (part for log in logs for part in _moves(log, rig)):
+    moves, parts = [part for log in logs for part in _moves(log, rig)], []
+    for part in moves:
         if part.angle is not None:
             G = np.column_stack([motor_angle(part.t, part.command), part.t, part.command, part.w, part.i])
             parts.append((G, G, part.angle))
     if sum(y.size for *_, y in parts) < FEWEST:
         return None
     Kx = float(_solved(parts)[0])
-    return Kx if np.isfinite(Kx) and Kx > 0.0 else None
+    return Kx if np.isfinite(Kx) and Kx > 0.0 and _is_proportional(Kx, moves) else None
+
+
+def _is_proportional(Kx: float, moves: Sequence["_Move"]) -> bool:
+    """Whether the errors of the position make the speeds of some moves; what is fed forward leaves next to none of them."""
+    made, seen = (
+        np.concatenate(columns) for columns in zip(*((Kx * m.command, m.w) for m in moves), strict=True)
+    )
+    return float(made @ seen) > PROPORTIONAL * float(seen @ seen)
 
 
 def _solved(parts: Sequence[tuple[Array, Array, Array]]) -> Array:

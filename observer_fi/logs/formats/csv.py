@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.logs.blank_columns import BlankColumns, blank_headers
 from observer_fi.logs.columns import PLAIN, ColumnMap
 from observer_fi.logs.formats.source import Source, is_like_ascii, utf8_pieces
 from observer_fi.logs.formats.stamps import Stamps, is_stamp, stamp_columns
@@ -15,6 +16,7 @@ from observer_fi.logs.tables import Block, RowCount, Table, positions, regrouped
 PREAMBLE_BYTES = 1 << 18
 LONGEST_HEADER = 1 << 16  # characters
 MOST_COLUMNS = 2000
+_GROUPS = re.compile(r"\.(\d{3}(?=[.,]))")  # of digits by points, which a decimal comma ends
 
 
 class _Layout(NamedTuple):
@@ -28,6 +30,7 @@ class _Layout(NamedTuple):
     first_row: list[str]
     metadata: tuple[str, ...]
     notes: tuple[str, ...]
+    sure: bool
 
 
 def open_csv(source: Source, column_map: ColumnMap) -> Table:
@@ -39,13 +42,15 @@ def open_csv(source: Source, column_map: ColumnMap) -> Table:
     used = at | stamps
     rows_layout = TextLayout(
         len(layout.headers),
-        layout.separator,
+        "\t" if layout.separator == " " else layout.separator,
         layout.decimal,
         layout.first_line,
         used,
         {column: shown_name(column, layout.headers[k]) for column, k in used.items()},
         column_map.missing,
         stamps=tuple(stamps),
+        headers=tuple(layout.headers),
+        sure=layout.sure,
     )
     count = RowCount()
     remarks: list[str] = []
@@ -53,6 +58,8 @@ def open_csv(source: Source, column_map: ColumnMap) -> Table:
     def blocks(rows: int) -> Iterator[Block]:
         lines = lines_in(source.path, utf8_pieces(source, column_map.encoding))
         kept = without_lines(lines, layout.first_line - 1)
+        if layout.separator == " ":
+            kept = BlankColumns(len(layout.headers)).tabbed(kept)
         clock = Stamps(source.path, remarks) if stamps else None
         return regrouped(text_blocks(source.path, kept, rows_layout, count, clock), rows)
 
@@ -68,9 +75,13 @@ def _layout(source: Source, column_map: ColumnMap) -> _Layout:
     data_at = header_at + 1 if column_map.data_line is None else column_map.data_line - 1
     if header_at < 0 and column_map.data_line is None:
         data_at = _header_index(path, texts, PLAIN)  # without a header the first line of it all is a row
-    separator = column_map.separator or max(",;\t|", key=texts[max(header_at, data_at - 1, 0)].count)
+    names = texts[max(header_at, data_at - 1, 0)]
+    separator = column_map.separator or _separator(names)
     if header_at < 0:
         headers = _numbered(texts[data_at:], separator)
+    elif separator == " ":
+        row_of_words = next((line.split() for line in texts[data_at:] if line.strip()), [])
+        headers = blank_headers(texts[header_at], len(row_of_words))
     else:
         headers = header_fields(path, header_at + 1, texts[header_at], separator)
     if header_at >= 0 and _all_numbers(headers):
@@ -86,13 +97,20 @@ def _layout(source: Source, column_map: ColumnMap) -> _Layout:
         headers = [*headers, ""]  # every row ends with a separator, the header does not
     decimal_comma = column_map.decimal_comma
     if decimal_comma is None:
-        numbers = separator.join(field for field in row if not is_stamp(field))
+        numbers = _GROUPS.sub(r"\1", separator.join(field for field in row if not is_stamp(field)))
         decimal_comma = separator != "," and bool(re.search(r"\d,\d", numbers)) and "." not in numbers
         notes += ("numbers have a decimal comma",) if decimal_comma else ()
     metadata = tuple(line.lstrip("#").strip() for line in texts[: max(header_at, 0)] if line.strip("# \t"))
     decimal = "," if decimal_comma else "."
     first_row = [*row, *[""] * len(headers)][: len(headers)]
-    return _Layout(headers, separator, decimal, data_at + 1, first_row, metadata, notes)
+    sure = any(re.fullmatch(rf"[+-]?\d*{re.escape(decimal)}\d+", field) for field in first_row)
+    return _Layout(headers, separator, decimal, data_at + 1, first_row, metadata, notes, sure)
+
+
+def _separator(names: str) -> str:
+    """What separates column names most often; blanks where nothing else does."""
+    found = max(",;\t|", key=names.count)
+    return found if found in names or len(names.split()) < 2 else " "
 
 
 def first_bytes(source: Source, encoding: str | None) -> bytes:
@@ -123,7 +141,7 @@ def decoded(head: bytes, encoding: str | None) -> tuple[list[str], tuple[str, ..
 def is_binary(texts: list[str]) -> bool:
     """Whether there are zero bytes, or more than one character in a hundred that cannot be shown."""
     doubtful = [text for text in texts if not text.replace("\t", "").isprintable()]
-    strange = sum(not c.isprintable() and c != "\t" for text in doubtful for c in text)
+    strange = sum(not c.isprintable() and not c.isspace() for text in doubtful for c in text)
     return any("\0" in text for text in doubtful) or strange > 0.01 * sum(map(len, texts))
 
 
@@ -168,7 +186,9 @@ def header_fields(path: str, number: int, line: str, separator: str) -> list[str
 
 
 def fields_of(line: str, separator: str) -> list[str]:
-    """The fields of a line without their quotes; as they stand where quotes are broken."""
+    """The fields of a line without their quotes; as they stand where quotes are broken. Many blanks separate as one."""
+    if separator == " ":
+        return line.split()
     try:
         return [field.strip() for field in next(csv.reader([line], delimiter=separator))]
     except (csv.Error, StopIteration):

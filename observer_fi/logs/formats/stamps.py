@@ -21,11 +21,16 @@ Mask = NDArray[np.bool_]
 TIME_OF_DAY = "time of day"  # its column, beside time_s with the date
 SECOND, DAY = 10**9, 86_400 * 10**9
 STAMP = (
-    r"^\s*(?:(?P<a>\d{1,4})(?P<k>[-./])(?P<b>\d{1,2})[-./](?P<c>\d{1,4})(?:[ T]+|$))?"
-    r"(?:(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<f>\d{1,9})\d*)?)?)?"
-    r"\s*(?P<p>[AaPp]\.?[Mm]\.?)?\s*(?P<z>Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})?\s*$"
+    r"^\s*(?:(?P<a>\d{1,4})(?P<k>[-./ ])(?P<b>\d{1,2}|\p{L}{3,9}\.?)[-./ ](?P<c>\d{1,4})(?:[ T]+|$))?"
+    r"(?:(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?)?"
+    r"\s*(?P<p>[AaPp]\.?[Mm]\.?)?\s*(?P<z>Z|UTC|GMT|[A-Z]{3,5}|[+-]\d{2}:?\d{2}|[+-]\d{2})?\s*$"
 )
-_STAMP = re.compile(STAMP)
+_STAMP = re.compile(STAMP.replace(r"\p{L}", r"[^\W\d_]"))
+_UTC = r"^(Z|UTC|GMT|[+-])"
+_MONTHS = {
+    "jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9, "oct": 10, "nov": 11, "dec": 12,
+    "mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12,
+}  # fmt: skip
 
 
 def is_stamp(text: str) -> bool:
@@ -110,9 +115,12 @@ class Stamps:
 
     def _nanoseconds(self, text: dict[str, Any], date: Mask, good: Mask) -> tuple[Nanoseconds, Mask]:
         """Since 1970, or since midnight where there is no date, and which stamps there can be."""
-        a, b, c, h, m, s = (_whole(text[k]) for k in "abchms")
+        named = _like(text["b"], r"^\p{L}")
+        a, c, h, m, s = (_whole(text[k]) for k in "achms")
+        b = _month(text["b"], named)
         if self.first is None and good.any():
-            self._learn(text, date, good, a, b)
+            self._learn(text, date, good & ~named if (good & ~named).any() else good, a, b)
+            self.day_first = self.day_first or bool(named[good].any())
         year, month, day = _order(a, b, c, self.day_first)
         h = (
             h
@@ -132,7 +140,7 @@ class Stamps:
     def _learn(self, text: dict[str, Any], date: Mask, good: Mask, a: Nanoseconds, b: Nanoseconds) -> None:
         """What the first stamps tell of all: whether they have a date, in which order, and a zone."""
         k = int(np.flatnonzero(good)[0])
-        self.dated, self.zoned = bool(date[k]), bool(_like(text["z"], ".")[k])
+        self.dated, self.zoned = bool(date[k]), bool(_like(text["z"], _UTC)[k])
         slashes = bool(_like(text["k"], "/")[k])
         self.day_first = not slashes or bool(12 < a[good][0] <= 31)
         if slashes and not self.day_first and a[k] < 1000 and not (b[good] > 12).any():
@@ -160,6 +168,19 @@ def _whole(texts: Any) -> Nanoseconds:
 
     filled = pc.if_else(pc.equal(texts.fill_null(""), ""), "0", texts)
     return np.array(filled.cast(pa.int64()), dtype=np.int64)
+
+
+def _month(texts: Any, named: Mask) -> Nanoseconds:
+    """Numbers of months that are given as numbers or by name; 0 for a name that is none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not named.any():
+        return _whole(texts)
+    short = pc.utf8_lower(pc.utf8_slice_codeunits(texts.fill_null(""), 0, 3))
+    at = np.array(pc.index_in(short, value_set=pa.array(list(_MONTHS))).fill_null(len(_MONTHS)))
+    numbers = _whole(pc.if_else(pa.array(named), "0", texts))
+    return np.where(named, np.array([*_MONTHS.values(), 0])[at], numbers)
 
 
 def _fraction(texts: Any) -> Nanoseconds:

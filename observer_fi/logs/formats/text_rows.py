@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.formats.stamps import Stamps
+from observer_fi.logs.plain_cells import no_sample, plain_cell
 from observer_fi.logs.tables import NO_VALUE, Block, RowCount, left_out_rows, not_a_number, place, plain
 from observer_fi.records import Array, Rejected
 
@@ -27,6 +28,7 @@ class TextLayout(NamedTuple):
 
     fields: of a row; comment: one more may stand behind them and is left out. first_line: line of the first row. missing:
     texts for no value besides `NO_VALUE`. stamps: columns that make the time stamps of time_s, in order; none: it is a number.
+    headers: as they stand; sure: whether the table shows its decimal sign.
     """
 
     fields: int
@@ -38,6 +40,8 @@ class TextLayout(NamedTuple):
     missing: tuple[str, ...] = ()
     comment: bool = False
     stamps: tuple[str, ...] = ()
+    headers: tuple[str, ...] = ()
+    sure: bool = False
 
 
 class _Lines(NamedTuple):
@@ -119,6 +123,9 @@ class _Reader:
             lines = self._judged(text)
             found = self._plainly(lines, False, judged=True)
         if found is None:
+            cleaned = self._cleaned(lines)
+            found = cleaned and self._plainly(cleaned, False, judged=True, decimal=".")
+        if found is None:
             raise self._not_a_number(lines)
         self.line, self.blank = self.line + there, self.blank + lines.blank
         self.good, self.bad = self.good + found.rows.size, self.bad + found.left_out.total
@@ -135,13 +142,18 @@ class _Reader:
         at_edges = sum(map(text.count, self.edges)) + text.startswith(b'"')
         return quotes % 2 == 1 or (at_edges != quotes and self.weird.search(text) is not None)
 
-    def _plainly(self, lines: _Lines, quote: str | bool, judged: bool = False) -> Block | None:
-        """The block if arrow makes one row of every line, else None. judged: lines that are none, or comments, are out."""
+    def _plainly(
+        self, lines: _Lines, quote: str | bool, judged: bool = False, decimal: str | None = None
+    ) -> Block | None:
+        """The block if arrow makes one row of every line, else None. judged: lines that are none, or comments, are out; decimal:
+        sign of these lines, where it is not the table's.
+        """
         import pyarrow as pa
 
         short: list[Any] = []
         try:
-            table = _arrow_table(lines.text, self.layout, quote, short) if lines.text else None
+            layout = self.layout._replace(decimal=decimal or self.layout.decimal)
+            table = _arrow_table(lines.text, layout, quote, short) if lines.text else None
         except pa.ArrowInvalid:
             return None
         good = table.num_rows if table is not None else 0
@@ -197,6 +209,33 @@ class _Reader:
         joined = b"\n".join(kept) + b"\n" if kept else b""
         return _Lines(joined, np.array(rows, dtype=np.int64), left_out, blank)
 
+    def _cleaned(self, lines: _Lines) -> _Lines | None:
+        """The lines with plain numbers in the fields that are used, and without rows that are no samples; None where a text is
+        neither.
+        """
+        separator, kept, rows, left_out = self.layout.separator, [], [], list(lines.left_out)
+        texts = lines.text.decode("utf-8", "surrogateescape").split("\n")
+        for row, line in zip(lines.rows.tolist(), texts, strict=False):
+            fields = line.split(separator)
+            reason = no_sample(fields, self.layout.headers)
+            if reason:
+                left_out.append(Rejected(row, "time_s", f"row left out: {reason}"))
+                continue
+            for column, k in self.layout.used.items() if len(fields) == self.layout.fields else ():
+                if column not in self.layout.stamps:
+                    cell = self._plain_cell(fields[k])
+                    if cell is None:
+                        return None
+                    fields[k] = cell
+            kept.append(separator.join(fields))
+            rows.append(row)
+        text = "".join(line + "\n" for line in kept).encode("utf-8", "surrogateescape")
+        return _Lines(text, np.array(rows, dtype=np.int64), left_out, lines.blank)
+
+    def _plain_cell(self, text: str) -> str | None:
+        missing = text.strip() in self.layout.missing
+        return "" if missing else plain_cell(text, self.layout.decimal, self.layout.sure)
+
     def _row(self, line: bytes, row: int) -> tuple[bytes, str]:
         """A line with quotes or a comment as plain fields, or the reason why it is no row."""
         if line.startswith(b"#"):
@@ -210,6 +249,10 @@ class _Reader:
             return separator.join(fields).encode("utf-8", "surrogateescape"), ""
         for column, k in self.layout.used.items():
             if k < len(fields) == self.layout.fields and separator in fields[k]:
+                cell = self._plain_cell(fields[k])
+                if cell is not None:
+                    fields[k] = cell
+                    continue
                 where = self.layout.first_line + row - 1
                 raise not_a_number(self.path, row, self.layout.shown[column], fields[k], where)
         plain_fields = ["" if separator in field else field for field in fields]
@@ -246,7 +289,7 @@ class _Reader:
                     continue
                 field = fields[k].replace(self.layout.decimal.encode(), b".", 1)
                 text = fields[k].decode("utf-8", "replace")
-                if not _NUMBER.fullmatch(field) and text not in missing:
+                if not _NUMBER.fullmatch(field) and text not in missing and self._plain_cell(text) is None:
                     where = self.layout.first_line + row - 1
                     return not_a_number(self.path, row, self.layout.shown[column], text, where)
         first = int(lines.rows[0]) if lines.rows.size else self.line + 1

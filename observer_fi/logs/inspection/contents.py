@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.logs.blank_columns import BlankColumns
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats import lvm
 from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first_bytes, is_binary
@@ -21,6 +22,7 @@ from observer_fi.logs.formats.tdms import tdms_columns
 from observer_fi.logs.formats.text_rows import lines_in, without_lines
 from observer_fi.logs.inspection.text_table import TextTable, text_table
 from observer_fi.logs.inspection.vocabulary import understood
+from observer_fi.logs.plain_cells import plain_cell
 from observer_fi.logs.tables import NO_VALUE
 from observer_fi.records import Array
 
@@ -128,7 +130,8 @@ def _text_columns(
 
     names = [f"{k}" for k in range(_fields(source, table, encoding))]
     read = pacsv.ReadOptions(use_threads=False, block_size=1 << 30, column_names=names)
-    parse = pacsv.ParseOptions(delimiter=table.separator, invalid_row_handler=lambda row: "skip")
+    separator = "\t" if table.separator == " " else table.separator
+    parse = pacsv.ParseOptions(delimiter=separator, invalid_row_handler=lambda row: "skip")
     convert = pacsv.ConvertOptions(
         column_types=dict.fromkeys(names, pa.string()),
         null_values=[*NO_VALUE, *missing],
@@ -156,11 +159,11 @@ def _rows_text(source: Source, table: TextTable, encoding: str | None) -> tuple[
     kept: list[bytes] = []
     size = 0
     lines = without_lines(lines_in(source.path, utf8_pieces(source, encoding)), table.data_line - 1)
+    if table.separator == " ":
+        lines = BlankColumns(len(table.headers)).tabbed(lines)
     for block in lines:
         if block.startswith(b"#") or b"\n#" in block:
             block = b"".join(line for line in block.splitlines(True) if not line.startswith(b"#"))
-        if table.separator == " ":
-            block = b"".join(line.strip(b" ") for line in block.splitlines(True))
         kept.append(block)
         size += len(block)
         if size > MOST_BYTES:
@@ -200,8 +203,12 @@ def _text_column(path: str, header: str, texts: Any, unit: str, decimal: str) ->
     numeric = pc.match_substring_regex(point, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$").fill_null(False)
     plain = pc.if_else(numeric, point, pa.scalar(None, pa.string()))
     values = np.array(plain.cast(pa.float64()).fill_null(float("nan")), dtype=np.float64)
-    strange = (there - int(pc.sum(numeric).as_py() or 0)) / max(len(texts), 1)
-    return Column(header, values, shown, unit, False, missing, strange)
+    others = np.flatnonzero(np.array(texts.is_valid()) & ~np.array(numeric))
+    sure = bool(pc.any(pc.match_substring(texts.filter(numeric), decimal)).as_py())
+    cells = [plain_cell(str(texts[k]), decimal, sure) for k in others.tolist()]
+    values[others] = [float(cell or "nan") for cell in cells]
+    rows, strange = max(len(texts), 1), sum(cell is None for cell in cells)
+    return Column(header, values, shown, unit, False, missing + cells.count("") / rows, strange / rows)
 
 
 def _seconds(path: str, texts: Any) -> Array | None:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs.acquisition import acquisition_of
-from observer_fi.logs.clock import JITTER, clock_of
 from observer_fi.logs.columns import COLUMNS, STAMPS, ColumnMap, columns_from_table
 from observer_fi.logs.ingest import open_log
 from observer_fi.logs.inspection.commands import with_commands
@@ -20,6 +18,8 @@ from observer_fi.logs.inspection.motor_checks import checked_by_motor
 from observer_fi.logs.inspection.nameless import with_nameless
 from observer_fi.logs.inspection.needs import Need, needs
 from observer_fi.logs.inspection.vocabulary import understood
+from observer_fi.logs.logger.acquisition import acquisition_of
+from observer_fi.logs.logger.clock import JITTER, clock_of
 from observer_fi.logs.moves import log_segments
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log

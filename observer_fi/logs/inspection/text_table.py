@@ -1,21 +1,17 @@
 """What a table of text looks like: separator, decimal comma, where the header, the units and the rows are."""
 
-import re
 from typing import NamedTuple
 
+from observer_fi.logs.blank_columns import blank_headers
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import fields_of
 from observer_fi.logs.formats.stamps import is_stamp
 from observer_fi.logs.inspection.vocabulary import unit_of
-from observer_fi.logs.tables import NO_VALUE
+from observer_fi.logs.plain_cells import plain_cell
 
 SEPARATORS = (";", "\t", ",", "|", " ")
 LOOKED_AT = 300  # lines
 SURE_ROWS = 3  # rows in a row that begin the table
-_NUMBER = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
-}
 
 
 class TextTable(NamedTuple):
@@ -45,7 +41,7 @@ def text_table(lines: list[str], column_map: ColumnMap | None = None) -> TextTab
 
 def is_number(text: str, decimal: str) -> bool:
     """Whether a field is a number with that decimal sign."""
-    return _NUMBER[decimal].fullmatch(text.strip()) is not None
+    return bool(plain_cell(text, decimal, sure=False))
 
 
 def _worth(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
@@ -67,18 +63,22 @@ def _worth(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
 
 
 def _split(line: str, separator: str) -> list[str]:
-    """The fields of a line; blanks at the ends of a line separate nothing."""
-    return fields_of(line.strip(" ") if separator == " " else line.rstrip("\r"), separator)
+    """The fields of a line."""
+    return fields_of(line.rstrip("\r"), separator)
 
 
 def _is_value(field: str, decimal: str) -> bool:
-    return field.strip() in NO_VALUE or is_number(field, decimal) or is_stamp(field)
+    return plain_cell(field, decimal, sure=False) is not None or is_stamp(field)
 
 
 def _placed(lines: list[str], separator: str, decimal: str, column_map: ColumnMap | None) -> TextTable | None:
     split = [_split(line, separator) if line.strip() else [] for line in lines]
     counts = [len(fields) for fields in split if fields]
     usual = max(set(counts), key=lambda n: (counts.count(n), n))
+    if separator == " ":  # names may have blanks in them
+        split = [
+            blank_headers(line, usual) if fields else [] for line, fields in zip(lines, split, strict=True)
+        ]
     is_row = [_is_row(fields, usual, decimal) for fields in split]
     first = _first_row(split, is_row)
     if first is None:

@@ -35,7 +35,8 @@ def _kind(
 
 
 _CURRENT = {"A": 1.0, "mA": 1e-3}
-_TORQUE = {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "ozin": _OUNCE * _GRAVITY * _INCH}
+_TORQUE = {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6, "Ncm": 1e-2, "ozin": _OUNCE * _GRAVITY * _INCH,
+           "lbin": _POUND * _GRAVITY * _INCH, "gcm": 1e-5 * _GRAVITY, "kgcm": 1e-2 * _GRAVITY}  # fmt: skip
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": _INCH, "ft": 12.0 * _INCH}
 _MASS = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": _POUND, "oz": _OUNCE}
 _FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": _POUND * _GRAVITY, "kgf": _GRAVITY}
@@ -55,7 +56,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
     "inertia": _kind(
         "520 gcm2",
         {"kgm2": 1.0, "kgcm2": 1e-4, "kgmm2": 1e-6, "gm2": 1e-3, "gcm2": 1e-7, "gmm2": 1e-9,
-         "ozins2": _OUNCE * _GRAVITY * _INCH},
+         "ozins2": _OUNCE * _GRAVITY * _INCH, "lbins2": _POUND * _GRAVITY * _INCH, "ozin2": _OUNCE * _INCH**2,
+         "lbin2": _POUND * _INCH**2},
         1e-12, 1e2, 1.0, "kgm2",
     ),
     "gear": _kind("14:1", {":1": 1.0}, 1e-2, 1e5, 1.0),
@@ -85,8 +87,11 @@ _NAMES = (
     (r"rads-2|rad/s/s|rad/sec2", "rad/s2"),
     (r"rad/sV|rad/s/V|rad/Vs", "rad/s/V"),
     (r"V/rad/s|Vs(ec)?/rad|Vs$", "Vs/rad"),
-    (r"oz-?in", "ozin"),
-    (r"ozin-?s", "ozins"),
+    (r"(oz|lb)s?f?-?in", r"\1in"),
+    (r"(oz|lb)in-?s", r"\1ins"),
+    (r"(?<=V)(olts?|DC|dc)\b", ""),
+    (r"A-1$", "/A"),
+    (r"N-cm", "Ncm"),
     (r"kg-m", "kgm"),
     (r"g-cm", "gcm"),
     (r"N-m", "Nm"),
@@ -97,6 +102,25 @@ _NAMES = (
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
 
 
+# What stands around a value: powers of ten and groups of digits are written out, tolerances and conditions left out.
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_TEN = re.compile(r"\s*[x×·*]\s*10\s*\^?\s*([-⁻\u2212+]?[\d⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
+_GROUPS = re.compile(r"(?<![\d.,])(\d{1,3})((?:[ '\u00a0\u2009\u202f\u2019]\d{3})+)(?!\d)")
+_AROUND = re.compile(
+    r"\(?\s*(?:±|\+\s*/\s*-)\s*[\d.,]+\s*%?\s*\)?|\s*(?:@|\bat\b)\s*[-+]?\d+\s*°\s*[CFK]|^\s*[~≈≃]"
+    r"|\b(?:approx(?:imately)?|about|circa|ca|typ(?:ical)?|nom(?:inal)?)\b\.?",
+    re.IGNORECASE,
+)
+_LIMIT = re.compile(r"^\s*[<>≤≥]|^\s*min(?:imum)?\b\.?(?=\s*[\d.])|\bmax(?:imum)?\b\.?", re.IGNORECASE)
+
+
+def _alone(text: str) -> str:
+    """A value and its unit without what a data sheet prints around them; of a limit, the limit."""
+    text = _TEN.sub(lambda ten: f"e{ten[1].translate(_RAISED)}".replace("\u2212", "-"), text)
+    text = _GROUPS.sub(lambda groups: groups[1] + re.sub(r"\D", "", groups[2]), text)
+    return _LIMIT.sub("", _AROUND.sub("", text)).strip()
+
+
 def value_of(text: str, kind: str, option: str) -> tuple[float, str]:
     """The value of an option in SI units, as in "2.3 ohm" or "14:1", and what must be told of it, or "".
 
@@ -104,7 +128,7 @@ def value_of(text: str, kind: str, option: str) -> tuple[float, str]:
     """
     known = KINDS[kind]
     like = f"write it as in {option} {known.example!r}"
-    found = _NUMBER.match(text)
+    found = _NUMBER.match(_as_ratio(text) if kind == "gear" else _alone(text))
     if not found:
         raise UsageError(f"{option}: {text[:40]!r} does not begin with a number; {like}")
     number, unit = found[1], _unit(found[2])
@@ -117,12 +141,17 @@ def value_of(text: str, kind: str, option: str) -> tuple[float, str]:
         raise UsageError(
             f"{option}: {text[:40]!r} is no {kind.replace('_', ' ')} of an actuator ({_range(known)}); {like}"
         )
-    return (
-        value,
-        f"{option} {number} has no unit and is taken as {number} {known.said}"
-        if known.said and not unit
-        else "",
-    )
+    if _LIMIT.search(text):
+        return value, f"{option} {text.strip()[:40]} is a limit, and is taken for the value"
+    bare = known.said and not unit
+    return value, f"{option} {number} has no unit and is taken as {number} {known.said}" if bare else ""
+
+
+def _as_ratio(text: str) -> str:
+    """A gear as in "14:1" of one that is printed as a reducer's 1:14, or as i = 14."""
+    text = re.sub(r"^\s*(?:i|n|ratio)\s*[=:]?\s*", "", text, flags=re.IGNORECASE)
+    reducer = re.fullmatch(r"\s*1\s*:\s*(\d+(?:\.\d+)?)\s*", text)
+    return f"{reducer[1]}:1" if reducer else text
 
 
 def _factor(unit: str, known: Kind, option: str, text: str, like: str) -> float:

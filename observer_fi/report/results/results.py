@@ -13,7 +13,7 @@ import pandas as pd
 
 from observer_fi import learn
 from observer_fi.improve import Improvement
-from observer_fi.logs import filtered_logger, told_filter, with_logger
+from observer_fi.logs import filtered_logger, told_filter, with_command, with_logger
 from observer_fi.numerics import digits, with_error, with_unit
 from observer_fi.physics import Rig
 from observer_fi.records import Event, Fit, Log, Outcome
@@ -174,9 +174,10 @@ class Identification(Result):
     @cached_property
     def rig(self) -> Rig:
         """The rig with the values that were learned."""
-        learned = with_logger(learn.identified_rig(self.fit, self.before), self.logs)
-        learned = filtered_logger(learned, self.fit.filters)
-        return learn.with_equation_errors(learned, self.logs, self.fit.filters)
+        found = learn.identified_rig(self.fit, self.before)
+        logs = [with_command(log, found) for log in self.logs] if found.driven.motor else self.logs
+        learned = filtered_logger(with_logger(found, logs), self.fit.filters)
+        return learn.with_equation_errors(learned, logs, self.fit.filters)
 
     @property
     def headline(self) -> str:
@@ -190,8 +191,8 @@ class Identification(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Filters that the logger has before its readings."""
-        return tuple(map(told_filter, self.fit.filters))
+        """Filters that the logger has before its readings, and what the equations leave out."""
+        return (*map(told_filter, self.fit.filters), *self.fit.warnings)
 
     def paragraphs(self) -> tuple[str, ...]:
         """Each parameter with its standard error and what it was before; what cannot be told, and why."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.errors import InvalidLogError
+from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs import recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
@@ -26,12 +26,16 @@ NOT_FOLLOWED = (
 
 
 def as_followed(log: Log, rig: Rig) -> Log | None:
-    """`log` with the command that its servo followed, where its first start shows that this is not the logged one."""
+    """`log` with `w_cmd` (n,) [rad/s] as its servo followed it, where its first start shows that this is not the logged one.
+
+    Equation 3 tells it, as in `recover_command`. None where the drive has no servo, no command was logged, or none can be
+    recovered.
+    """
     if rig.driven.command is not None or not rig.watched.servo or not np.isfinite(log.w_cmd).any():
         return None
     try:
         told = recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model)
-    except InvalidLogError:
+    except (InvalidLogError, UsageError):  # nothing tells it, or the rig file has no motor
         return None
     if not _differs(log, told.w_cmd):
         return None
@@ -47,12 +51,12 @@ def _differs(log: Log, w_cmd: Array) -> bool:
     first = int(moving[0])
     top = first + int(np.argmax(np.diff(way[first:], append=-1.0) <= 0.0))
     around, level = round(AROUND_S * log.rate_hz), round(LEVEL_S * log.rate_hz)
-    there = slice(top + around, top + around + level)
-    logged, recovered = np.nanmedian(log.w_cmd[there]), np.median(w_cmd[there])
-    if not abs(logged - recovered) <= SAME_LEVEL * abs(recovered):
+    off = log.w_cmd - w_cmd
+    behind, ramp = off[top + around : top + around + level], off[max(first - around, 0) : top + around]
+    behind, ramp, speed = behind[np.isfinite(behind)], ramp[np.isfinite(ramp)], float(way[top])
+    if not behind.size or not ramp.size or abs(np.median(behind)) > SAME_LEVEL * speed:
         return False
-    ramp = slice(max(first - around, 0), top + around)
-    return bool(np.nanmean(np.abs(log.w_cmd[ramp] - w_cmd[ramp])) > SHAPE * abs(recovered))
+    return float(np.mean(np.abs(ramp))) > SHAPE * speed
 
 
 def is_odd(outcome: Outcome) -> bool:

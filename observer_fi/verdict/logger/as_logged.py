@@ -1,7 +1,7 @@
 """A rig and its bank fitted to what a log shows of its logger, and that log as filters may take it.
 
-The first samples say what the logger does (`logs.acquisition`); its noise, steps and delays go into the rig that the filters
-take, everything else out of the readings.
+The first samples say what the logger does (`logs.logger.acquisition`); its noise, steps and delays go into the rig that the
+filters take, everything else out of the readings.
 """
 
 import math
@@ -17,10 +17,13 @@ from observer_fi.logs import (
     SHORTEST_REST,
     Hum,
     LowPasses,
+    Mean,
     Readings,
     Unfiltered,
+    Unmeant,
     acquisition_of,
     even,
+    means_of,
     with_low_passes,
 )
 from observer_fi.numerics import in_python
@@ -30,7 +33,7 @@ from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
 from observer_fi.verdict.logger.zero_current import with_zero, zero_current
-from observer_fi.verdict.moves.of_the_day import Day, FirstStart, Told
+from observer_fi.verdict.moves.of_the_day import LOOKED_AT, Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
 from observer_fi.verdict.testable import for_readings
 
@@ -51,7 +54,10 @@ class AsLogged:
         self.low_passes, self.interval = LowPasses(), 1.0 / log.rate_hz
         self.lines: Hum | None = None
         self.with_lines: Acquisition | None = None
+        self.means: tuple[Mean, ...] = ()
         start = self._learn(log, rig, settings)
+        if start is not None and start.misfit > LOOKED_AT:
+            start = self._without_means(log, rig, settings, start)
         if any(channel.lines for channel in self.acquisition[:3]) and start is not None:
             log, start = self._without_lines(log, rig, settings, start)
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
@@ -77,20 +83,41 @@ class AsLogged:
         self._begin(log, rig)
         return quiet, told
 
+    def _without_means(self, log: Log, rig: Rig, settings: BankSettings, start: Told) -> Told:
+        """How well the first start is explained by what voltage and current are means of, where it is; else as it was."""
+        found = means_of(log)
+        if not found:
+            return start
+        self.means = found
+        told = self._learn(log, rig, settings)
+        if told is not None and told.misfit < min(QUIET, start.misfit):
+            return told
+        self.means = ()
+        return self._learn(log, rig, settings) or start
+
     @property
     def told(self) -> Acquisition:
         """What the logger does, with what was taken out of its readings."""
-        if self.with_lines is None:
-            return self.acquisition
-        pairs = zip(self.acquisition[:3], self.with_lines[:3], strict=True)
-        voltage, current, position = (
-            now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs
-        )
+        channels = list(self.acquisition[:3])
+        if self.with_lines is not None:
+            pairs = zip(channels, self.with_lines[:3], strict=True)
+            channels = [now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs]
+        for mean in self.means:
+            channels[mean.channel] = channels[mean.channel]._replace(averaged=mean.samples)
+        voltage, current, position = channels
         return Acquisition(voltage, current, position, self.acquisition.clock)
+
+    @property
+    def lateness(self) -> Lateness:
+        """How many samples channels are late as they were logged."""
+        late = list(self.late)
+        for mean in self.means:
+            late[mean.channel] += mean.ahead
+        return Lateness(*late)
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
-        log = Unfiltered(self.low_passes, self.interval).take(log)
+        log = Unmeant(self.means).take(Unfiltered(self.low_passes, self.interval).take(log))
         measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
         self.acquisition = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
@@ -98,9 +125,11 @@ class AsLogged:
         usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
         self.settings = replace(usual, glitch_nis=min(SPIKE_NIS, usual.glitch_nis)) if spiky else usual
-        self.offset = electrical_offset(self.acquisition, rig)
+        self.day, self.offset = Day(), electrical_offset(self.acquisition, rig)
         known = replace(rig, logger=self.acquisition)
-        averaged = Lateness(*(0.5 * (channel.averaged - 1) for channel in self.acquisition[:3]))
+        ahead = {mean.channel: mean.ahead for mean in self.means}
+        behind = (0.5 * (channel.averaged - 1) for channel in self.acquisition[:3])
+        averaged = Lateness(*(own - ahead.get(c, 0.0) for c, own in enumerate(behind)))
         begun = self._even(self.readings.take(log))
         # a filter begins at whole turns of what the position shows: in the first start by itself at others than in the log
         turned = phases_of(first_start(begun), known, self.settings).of(known)
@@ -109,7 +138,9 @@ class AsLogged:
         known = self.day.of(set_right(known, self.late, 1.0 / log.rate_hz))
         self.zero = self._zero_current(log, known)
         known = with_zero(known, self.zero)
-        self.offset = electrical_offset(self.acquisition, known, 0.0) if self.zero else self.day.offset
+        self.offset = self.day.offset
+        if self.zero:
+            self.offset = electrical_offset(self.acquisition, known, self.day.voltage, 0.0)
         self._begin(log, rig)
         self.phases = phases_of(self._behind_filters(log), known, self.settings)
         of_log, of_file = (repeat_share(one, self.settings) for one in (known, rig))
@@ -124,7 +155,7 @@ class AsLogged:
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        self.set_back = SetBack(self.late)
+        self.set_back, self.unmeant = SetBack(self.late), Unmeant(self.means)
         self.unfiltered = Unfiltered(self.low_passes, self.interval)
         self.hum = copy(self.lines)
 
@@ -132,12 +163,14 @@ class AsLogged:
     def plain(self) -> bool:
         """Whether filters take every reading as it is."""
         as_read = self.readings.plain and self.hum is None
-        return as_read and not self.offset and not any(self.late) and not self.low_passes.any
+        as_told = not self.offset and self.day.voltage == 1.0
+        as_come = not any(self.late) and not self.low_passes.any and not self.means
+        return as_read and as_told and as_come
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
         quiet = self.hum.take(log) if self.hum is not None else log
-        return self._behind_filters(self.unfiltered.take(quiet))
+        return self._behind_filters(self.unmeant.take(self.unfiltered.take(quiet)))
 
     def _behind_filters(self, log: Log) -> Log:
         """The next chunk, without the filters before its readings."""
@@ -164,6 +197,7 @@ class AsLogged:
             and self.lines is other.lines is None
             and math.isclose(self.zero, other.zero, abs_tol=SAME_NOISE * self.rig.noise_std[1])
             and self.low_passes == other.low_passes
+            and self.means == other.means
             and self.settings == other.settings
         )
         held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands
@@ -199,9 +233,12 @@ class AsLogged:
     def _zero_current(self, log: Log, known: Rig) -> float:
         """How far the current sensor is off its zero [A], as a bank sees it that takes the rig as it is known so far."""
         self._begin(log, known)
-        readings = self.set_back.take(self._on_even_clock(self.readings.take(log)))
+        readings = self.set_back.take(self._true(self._on_even_clock(self.readings.take(log))))
         return zero_current(
-            readings, known, self.settings, partial(electrical_offset, self.acquisition, least=0.0)
+            readings,
+            known,
+            self.settings,
+            partial(electrical_offset, self.acquisition, gain=self.day.voltage, least=0.0),
         )
 
     def _on_even_clock(self, log: Log) -> Log:
@@ -210,9 +247,13 @@ class AsLogged:
             replace(log, t=even(log.t, clock.interval_s, clock.resolution_s)) if clock.resolution_s else log
         )
 
+    def _true(self, log: Log) -> Log:
+        """A chunk with the voltage that the motor gets."""
+        return log if self.day.voltage == 1.0 else replace(log, z=self.day.true(log.z))
+
     def _even(self, log: Log) -> Log:
-        """A chunk on an even clock and without the offset of its voltage."""
-        log = self._on_even_clock(log)
+        """A chunk on an even clock, without gain and offset of its voltage."""
+        log = self._true(self._on_even_clock(log))
         return replace(log, z=log.z - np.array([self.offset, 0.0, 0.0])) if self.offset else log
 
 
@@ -238,17 +279,17 @@ def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:
     return a._replace(position=a.position._replace(travel=max(a.position.travel, float(np.ptp(moved)))))
 
 
-def electrical_offset(a: Acquisition, rig: Rig, least: float = OFF_ZERO) -> float:
+def electrical_offset(a: Acquisition, rig: Rig, gain: float = 1.0, least: float = OFF_ZERO) -> float:
     """Zero offset of the voltage against the current [V]: at rest equation 16 leaves their resistance only.
 
     Of two offsets only this sum shows in the motor's voltage balance; what is left of the current's is like friction.
-    least: of the noise of a reading, below which it is 0.
+    gain: of the voltage's readings, which are divided by it; least: of the noise of a reading, below which it is 0.
     """
     if not rig.driven.motor:
         return 0.0
     model = rig.model
     current = (a.current.offset - model["current_offset"]) / model["current_gain"]
     expected = in_python(equations.terminal_voltage)(current, 0.0, 0.0, model.vector)
-    off = float(a.voltage.offset - expected - model["voltage_offset"])
+    off = float(a.voltage.offset / gain - expected - model["voltage_offset"])
     noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
     return off if math.isfinite(off) and abs(off) > least * noise else 0.0

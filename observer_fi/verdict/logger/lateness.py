@@ -41,8 +41,8 @@ class Lateness(NamedTuple):
 
     @property
     def electrical(self) -> float:
-        """The later one of voltage and current."""
-        return max(self.voltage, self.current)
+        """The later one of voltage and current, 0 where both come ahead of the command."""
+        return max(self.voltage, self.current, 0.0)
 
 
 class SetBack:

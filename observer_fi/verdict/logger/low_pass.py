@@ -1,7 +1,7 @@
 """Low-pass filters that a logger puts before its readings, told at the first start of a log.
 
-The motion of nominal tells the corner where no fault explains the start as well. `logs.low_pass` has the filters and readings
-without them.
+The motion of nominal tells the corner where no fault explains the start as well. `logs.logger.low_pass` has the filters and
+readings without them.
 """
 
 import math

@@ -9,7 +9,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from observer_fi.numerics import digits
-from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, UNKNOWN, OwnState, Rig, channel_of, label_of
+from observer_fi.physics import (
+    COLUMNS,
+    FAULTS,
+    NOMINAL,
+    PARAMETERS,
+    UNKNOWN,
+    OwnState,
+    Rig,
+    channel_of,
+    label_of,
+)
 from observer_fi.records import Event, Severity
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import COMES_AND_GOES
@@ -47,6 +57,7 @@ JUMPING_S = (
     0.05  # about a jump of the pitch between two samples: when between them the load came, nobody knows
 )
 NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
+ELECTRICAL, AS_MUCH = {"voltage", "current"}, 0.8  # of what the failure of one explains, that of the other
 BLIND = 1e-3  # probability from which a lost coupling is as good as a frozen position
 
 
@@ -94,15 +105,13 @@ class Naming:
             first = float(t[moved[-1] if moved.size else 0])
         told = told._replace(onset_s=begin, onset_interval_s=(first, float(t[path.last])))
         if label == event.label and label != UNKNOWN:
-            return (
-                told
-                if told.alike
-                else told._replace(probability=event.probability, posterior=event.posterior)
-            )
-        return told._replace(
+            as_before = told._replace(probability=event.probability, posterior=event.posterior)
+            return _or_the_other_sensor(told if told.alike else as_before, stories)
+        told = told._replace(
             isolated_s=None, detected_s=event.detected_s or event.doubted_s,
             reasons=(_why(best, whole),) if label != UNKNOWN else event.reasons,
         )  # fmt: skip
+        return _or_the_other_sensor(told, stories)
 
     def counts(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path is better than nominal by more than chance, and more than the ring of a start.
@@ -178,7 +187,7 @@ class Naming:
             yield Story("slip", path.gain + special_case(path, held["C"], 0.0), path)
         if abs(lost - 1.0) < BELIEVABLE * std and not _gives_way(path, whole):
             yield Story("sensor:position", path.gain + special_case(path, held["E"], 1.0), path)
-        elif lost < -BELIEVABLE * std:
+        elif lost < -BELIEVABLE * std and not _presses(path):
             yield Story("sensor:position", path.gain, path)
 
     @staticmethod
@@ -330,6 +339,15 @@ def _resists(path: Path) -> bool:
     return value > BELIEVABLE * std
 
 
+def _presses(path: Path) -> bool:
+    """Whether a path needs the load of an obstacle, of which a position that is wrong brings none."""
+    own = {o.name: o for o in path.hypothesis.own}
+    if "C" not in own:
+        return False
+    value, std = load_of_a_spring(path) if "torque" in own else constant(path, own["C"])
+    return value > BELIEVABLE * std
+
+
 def _stands_under_load(path: Path) -> bool:
     """Whether a path takes a mass that has lost all its travel for one that presses against something."""
     own = {o.name: o for o in path.hypothesis.own}
@@ -372,6 +390,24 @@ def _gives_way(path: Path, whole: WholeMove) -> bool:
     seen = [constant(path._replace(memory=m), own) for m in memories[look : (last - path.begin) // STRIDE]]
     off = np.array([(1.0 - share) / std for share, std in seen if std > 0.0])
     return off.size >= look and float(np.convolve(off, np.ones(look) / look, "valid").max()) > FOLLOWED
+
+
+def _or_the_other_sensor(told: Event, stories: Sequence[Story]) -> Event:
+    """The event, in doubt about its channel where voltage and current contradict each other and either may be the wrong one.
+
+    How a sensor fails is no part of its model: a small drift costs the true one as much as friction that comes and goes costs
+    the other.
+    """
+    gains = {channel_of(story.mode): story.gain for story in reversed(stories)}
+    if told.channel not in ELECTRICAL:
+        return told
+    (other,) = ELECTRICAL - {told.channel}
+    if gains.get(other, -math.inf) < AS_MUCH * gains[told.channel]:
+        return told
+    why = f"{COLUMNS[told.channel]} and {COLUMNS[other]} contradict each other, and either may be the one that is wrong"
+    return told._replace(
+        probability=min(told.probability, 0.5), isolated_s=None, reasons=(*told.reasons, why)
+    )
 
 
 def _why(best: Story, whole: WholeMove) -> str:

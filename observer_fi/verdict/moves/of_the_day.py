@@ -1,11 +1,11 @@
-"""What differs from day to day without being a fault, as the first start of a log tells it: winding, gains of the servo.
+"""What differs from day to day without being a fault, as the first start of a log tells it: winding, gains of servo and voltage.
 
-They are no constants of the rig: a winding warms, and a servo's amplifier with it. Each is told where the motion with another
-value explains the start, and better than any fault with that of the rig file.
+They are no constants of the rig: a winding warms, and a servo's amplifier with it; a voltage is read through a divider. Each is
+told where the motion with another value explains the start, and better than any fault with that of the rig file.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,31 +19,44 @@ from observer_fi.verdict.logger.lateness import first_start
 
 # Of the resistance of the rig file: copper has 0.39 % more a kelvin, and a winding that is cold or has run is 15 K cooler to 45 K
 # warmer. What lies beyond is a fault.
-WINDINGS = (0.94, 1.06, 1.12, 1.18)
-GAINS = (0.8, 0.9, 1.1, 1.2)  # of a servo, over those of the rig file
+# A servo's gains are over those of the rig file, readings of voltage and current over what the motor gets.
+COARSE = {
+    "winding": (0.94, 1.06, 1.12, 1.18),
+    "gains": (0.8, 0.9, 1.1, 1.2),
+    "voltage": (0.85, 0.92, 0.97, 0.99, 0.996, 1.004, 1.01, 1.03, 1.08, 1.15),
+    "current": (0.85, 0.92, 0.97, 1.03, 1.08, 1.15),
+}
 FINER = (0.03, 0.015, 0.007, 0.0035)
-LOOKED_AT = 1.05  # times the expected NIS: a start that is explained better tells of no other day
+LOOKED_AT = 0.85  # times the expected NIS: a start that is explained better tells of no other day
 NOTICED_NATS, FITS = 40.0, 1.3  # that another day must gain at a start, and how well it then fits
 BEGIN = 8  # samples until a filter has found its state
 LEAST = 1e-300  # probability
 
 
 class Day(NamedTuple):
-    """winding, gains: resistance and the servo's gains over those of the rig file; offset: of the voltage at rest [V]."""
+    """winding, gains: resistance and the servo's gains over those of the rig file; voltage, current: readings over what they are;
+    offset: of the voltage at rest, of readings over `voltage` [V].
+    """
 
     winding: float = 1.0
     gains: float = 1.0
+    voltage: float = 1.0
+    current: float = 1.0
     offset: float = 0.0
 
     @property
     def usual(self) -> bool:
         """Whether the rig file's constants hold."""
-        return self.winding == self.gains == 1.0
+        return self.winding == self.gains == self.voltage == self.current == 1.0
 
     def of(self, rig: Rig) -> Rig:
         """The rig as it is that day."""
-        shares = {"Rm": self.winding, "Kp": self.gains, "Ki": self.gains}
+        shares = {"Rm": self.winding, "Kp": self.gains, "Ki": self.gains, "current_gain": self.current}
         return with_values(rig, {n: s * rig.model[n] for n, s in shares.items() if s != 1.0})
+
+    def true(self, z: Array) -> Array:
+        """Readings (n, 3) with the voltage that the motor gets."""
+        return z / np.array([self.voltage, 1.0, 1.0]) if self.voltage != 1.0 else z
 
 
 class Told(NamedTuple):
@@ -57,16 +70,19 @@ class Told(NamedTuple):
 
 
 class FirstStart:
-    """The first start of a log as filters may take it, but for the offset of its voltage: that is `offset_of` a rig, as what a
-    current at rest makes of it depends on the winding.
+    """The first start of a log as filters may take it, but for the offset of its voltage: that is `offset_of` a rig and a gain
+    of the voltage, as what a current at rest makes of it depends on the winding.
     """
 
-    def __init__(self, log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Rig], float]) -> None:
+    def __init__(
+        self, log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Rig, float], float]
+    ) -> None:
         self.rig, self.offset_of, self.full = rig, offset_of, settings
         self.settings = replace(settings, unknown=False, sensors=False)
         cut = first_start(log) if rig.driven.motor else None
         tells = cut is not None and rig.model["Rm"] > 0.0 and np.isfinite(log.z[:, :2]).any(axis=0).all()
         self.cut = cut if tells else None
+        self.free = tuple(COARSE) if rig.watched.servo else ("winding",)
         self.known: dict[Day, Told] = {}
 
     def day(self) -> Day:
@@ -74,11 +90,17 @@ class FirstStart:
         usual = self._with(Day())
         if self.cut is None or self.told(usual).misfit < LOOKED_AT:
             return usual
-        best = self._coarse(self._coarse(usual, "winding", WINDINGS), "gains", GAINS)
-        for step in FINER:
-            for name in self._free():
-                near = [getattr(best, name) + more for more in (-step, step)]
-                best = self._coarse(best, name, near)
+        best, parts = usual, list[str]()
+        while len(parts) < len(self.free) and self.told(best).misfit >= LOOKED_AT:
+            left = [name for name in self.free if name not in parts]
+            name, more = max(
+                ((name, self._best(best, name, COARSE[name])) for name in left),
+                key=lambda tried: self.told(tried[1]).nats,
+            )
+            if more == best:
+                break
+            parts.append(name)
+            best = self._finer(more, parts)
         nats, misfit, _ = self.told(best)
         return best if misfit < FITS and nats > max(self._as_filed(usual), NOTICED_NATS) else usual
 
@@ -88,19 +110,30 @@ class FirstStart:
             self.known[day] = self._told(day, self.settings)
         return self.known[day]
 
-    def _free(self) -> tuple[str, ...]:
-        return ("winding", "gains") if self.rig.watched.servo else ("winding",)
+    def _finer(self, day: Day, parts: list[str]) -> Day:
+        """The best day near another one, of which these parts are not as usual.
 
-    def _coarse(self, day: Day, name: str, values: list[float] | tuple[float, ...]) -> Day:
-        """The best of some values of one part of the day."""
-        if name not in self._free():
+        A start tells the gain of a voltage to 0.01 %: that is at the top of the parabola through its neighbours.
+        """
+        for step in FINER:
+            for name in parts:
+                day = self._best(day, name, [getattr(day, name) + more for more in (-step, step)])
+        if day.voltage == 1.0:
             return day
+        near = [self._with(day._replace(voltage=day.voltage + by)) for by in (-FINER[-1], 0.0, FINER[-1])]
+        low, mid, high = (self.told(one).nats for one in near)
+        bent = low - 2.0 * mid + high
+        by = 0.5 * FINER[-1] * (low - high) / bent if bent < 0.0 else 0.0
+        return self._best(day, "voltage", [day.voltage + by])
+
+    def _best(self, day: Day, name: str, values: Sequence[float]) -> Day:
+        """The best of some values of one part of the day."""
         tried = [self._with(day._replace(**{name: value})) for value in values]
         return max((day, *tried), key=lambda one: self.told(one).nats)
 
     def _with(self, day: Day) -> Day:
         """The day with the offset that its winding leaves at rest."""
-        return day._replace(offset=self.offset_of(day.of(self.rig)))
+        return day._replace(offset=self.offset_of(day.of(self.rig), day.voltage))
 
     def _as_filed(self, usual: Day) -> float:
         """Nats of the constants of the file with any fault, and of none with what another day must gain."""
@@ -108,7 +141,7 @@ class FirstStart:
 
     def _told(self, day: Day, settings: BankSettings) -> Told:
         assert self.cut is not None
-        cut = replace(self.cut, z=self.cut.z - np.array([day.offset, 0.0, 0.0]))
+        cut = replace(self.cut, z=day.true(self.cut.z) - np.array([day.offset, 0.0, 0.0]))
         return told_by(Bank(day.of(self.rig), settings).advance(cut), cut.z)
 
 

@@ -125,9 +125,11 @@ class Pairs:
         nats = shorter.in_motion() + path.gain + behind_it + second[1].gain
         pair = Pair(both, Explained(nats, nats - whole.in_motion()))
         begun = held.since + second[1].begin
+        # Where less than that is left to the first fault, the second one is all there is.
+        alone = begun - path.begin >= LEFT
         if again and begun < stop:  # what came first is told from what was before the second one
-            return self._pair(event, whole, begun, again=False) or pair
-        return pair
+            return self._pair(event, whole, begun, again=False) or (pair if alone else None)
+        return pair if alone else None
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""

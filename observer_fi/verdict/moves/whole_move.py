@@ -225,6 +225,10 @@ class WholeMove:
         memories, _, nis = self._follow(h, memory, first)
         return memories, nis
 
+    def since(self, h: Hypothesis, begin: int) -> list[HypothesisState]:
+        """A filter's memories at every STRIDE samples from a sample on at which its fault begins."""
+        return self.followed(h, self._entry(h, None)(self._nominal_at(begin)), begin)[0]
+
     def _back(self, h: Hypothesis, before: HypothesisState) -> Entry:
         return Entry(h, self.nominal, self.filters, (self.nominal, before), within_s=self.interval)
 

@@ -1,0 +1,1 @@
+"""The problem of a force that is calculated from the motion."""

@@ -1,0 +1,1 @@
+"""The problem of moves that are simulated."""

@@ -1,0 +1,85 @@
+"""What a refit of a servo rig may move without saying that something is missing: its constants near their priors, and stops."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from observer_fi.improve.moves.misfit import POSITION
+from observer_fi.learn import Experiment, FitResult, Free, find_stops, fit, stops_of_travel
+from observer_fi.physics import CAUSES, Curve, Model, Rig, override, parameters
+from observer_fi.records import Log
+
+# Relative prior of what a servo rig gives: maker's data tight, the rest as wide as rigs differ.
+_PRIORS = {
+    "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
+    "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
+}  # fmt: skip
+_SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the period of a servo of 5 kHz or more
+# Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
+_TICK_PHASE = Free("tick_phase", 1e-5, -1e-4, 1e-4, 0.0, 3e-5)
+_STOPS = {"C": 1.0, "E": 0.2}
+STOP_NATS = 100.0  # that stops must gain in the refit
+
+
+def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free, ...]:
+    """What a refit may move without saying that something is missing. older_s: see `Experiment`."""
+    names = dict(_PRIORS)
+    free = []
+    if math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"]):
+        names |= _STOPS
+    for name, relative in names.items():
+        value = rig.model[name]
+        relative = max(relative, rig.spread(name))
+        free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
+    return (*free, *_stops(model), _SERVO_DELAY, _tick_phase(older_s))
+
+
+def _tick_phase(older_s: float) -> Free:
+    """Readings that a converter holds are as old as it is ahead of the logger, up to `older_s`."""
+    usual = _TICK_PHASE
+    std = math.hypot(usual.prior_std, older_s / math.sqrt(12.0))
+    return usual._replace(high=usual.high + older_s, prior=usual.prior + 0.5 * older_s, prior_std=std)
+
+
+def _stops(model: Model) -> tuple[Free, ...]:
+    """Where the rails end. Two stops keep half of their distance: with a wrong law of contact they would change places."""
+    low, high = model["x_stop_low"], model["x_stop_high"]
+    apart = 0.25 * (high - low)
+    free = []
+    if math.isfinite(high):
+        free.append(Free("x_stop_high", 2e-6, max(high - apart, -1.0), 1.0, high, 1e-2))
+    if math.isfinite(low):
+        free.append(Free("x_stop_low", 2e-6, -1.0, min(low + apart, 1.0), low, 1e-2))
+    return tuple(free)
+
+
+def with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
+    """The rig's model with the stops that the current or the travel shows, where a refit is better for them.
+
+    A torque that is linear in the position is free in that refit: an offset or a spring looks like a stop at the end of the
+    travel.
+    """
+    shown = find_stops(experiment, rig)
+    seen = stops_of_travel(experiment, logs, shown)
+    models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
+    if len(models) == 1:
+        return rig.model
+    fits = [_with_a_spring(experiment, m, base_parameters(rig, m, experiment.older_s)) for m in models]
+    return models[int(np.argmin([f.objective + STOP_NATS * k for k, f in enumerate(fits)]))]
+
+
+def _with_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> FitResult:
+    """The fit with a torque that is linear in the position, a constant one where the rig has a curve of its own."""
+    if model["curve_of"] != 0.0:
+        return fit(experiment, model, (*free, Free("torque_offset", 1e-6)))
+    x = experiment.z[experiment.weight[:, POSITION] > 0.0, POSITION]
+    spring = Curve("torque", "position", False, float(x.min()), float(np.ptp(x)), (0.0, 0.0))
+    ends = [Free(name, 1e-6) for name in spring.names]
+    return fit(experiment, override(model, model.name, **parameters(spring)), (*free, *ends))
+
+
+def causes_of(model: Model) -> tuple[str, ...]:
+    """The causes that moves of this model can speak about at all."""
+    touched = math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"])
+    return tuple(name for name, cause in CAUSES.items() if touched or cause.equation != "contact")

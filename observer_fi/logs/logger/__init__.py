@@ -1,0 +1,1 @@
+"""What a logger does to its readings: measured from a log, and what of them filters may take."""

@@ -1,0 +1,77 @@
+"""Noise of a logger that comes with the motion: of brushes, and of a converter that switches."""
+
+import math
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from observer_fi.logs.logger.lines import lines_of
+from observer_fi.records import Array
+
+SHORT = 24  # readings from which noise is told
+MORE = 1.5  # times the noise at rest, that is more in motion
+# Of a start: its ramp at most, what follows until it is steady, how long is looked at, and samples of each half of that.
+RAMP_S, RING_S, STEADY_S, FEWEST_STEADY = 0.25, 0.15, 0.3, 40
+# A motor's turn and a servo's ring are no slower; how well a half tells a frequency.
+SLOW_HZ, SAME_HZ = 80.0, 3.0
+DEGREE = 12  # of a polynomial over a half, which follows up to 40 Hz
+
+
+def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) -> float:
+    """By what the noise of readings is more in the log's first steady motion than at rest, 1 where it is not.
+
+    Brushes and a converter that switches make such noise, white or of single lines. What moves leaves nothing of fourth
+    differences; where the noise begins on the way, it is no logger's. least: noise [unit of z] that is no less at rest.
+    """
+    halves = _steady_halves(t, w_cmd)
+    at_rest = _fourth(z[rest])
+    if halves is None or not at_rest > 0.0:  # a rest without noise, or too short, tells nothing
+        return 1.0
+    usual = max(at_rest, least)
+    white = min(_fourth(z[half]) for half in halves)
+    ratio = max(
+        white / usual, math.hypot(usual, _of_lines([_bent(t[half], z[half]) for half in halves])) / usual
+    )
+    return ratio if ratio > MORE else 1.0
+
+
+def _steady_halves(t: Array, w_cmd: Array) -> tuple[slice, slice] | None:
+    """The two halves of the first steady motion, None where there is none."""
+    started = np.flatnonzero(w_cmd != 0.0)
+    if not started.size:
+        return None
+    begun = float(t[started[0]])
+    turned = t[1:][np.diff(w_cmd) != 0.0]
+    since = float(turned[turned < begun + RAMP_S].max(initial=begun))
+    first, last = np.searchsorted(t, [since + RING_S, since + RING_S + STEADY_S]).tolist()
+    middle = (first + last) // 2
+    if middle - first < FEWEST_STEADY or not (w_cmd[first:last] == w_cmd[first]).all():
+        return None
+    return slice(first, middle), slice(middle, last)
+
+
+def _bent(t: Array, z: Array) -> tuple[Array, Array]:
+    """Times and readings of a stretch about a polynomial, which takes what moves and a servo that still rings."""
+    seen = np.isfinite(z)
+    t, z = t[seen], z[seen]
+    if z.size < FEWEST_STEADY:
+        return t, np.zeros(z.size)
+    u = np.linspace(-1.0, 1.0, z.size)
+    return t, z - np.polynomial.chebyshev.chebval(u, np.polynomial.chebyshev.chebfit(u, z, DEGREE))
+
+
+def _of_lines(halves: Sequence[tuple[Array, Array]]) -> float:
+    """Amplitude of what is periodic in both halves, 0 where nothing is; faster than a motor turns or a servo rings."""
+    both = [[line for line in lines_of([half])[0] if line.hz > SLOW_HZ] for half in halves]
+    common = [min(a.amplitude, b.amplitude) for a, b in product(*both) if abs(a.hz - b.hz) < SAME_HZ]
+    return math.hypot(*common)
+
+
+def _fourth(z: Array) -> float:
+    """Standard deviation of white noise from fourth differences, without outliers; NaN where there are too few."""
+    fourth = np.abs(np.diff(z[np.isfinite(z)], 4))
+    if fourth.size < SHORT:
+        return math.nan
+    usual = fourth[fourth <= 5.9 * np.median(fourth)]
+    return math.sqrt(float(np.mean(usual**2)) / 70.0)

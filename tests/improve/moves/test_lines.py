@@ -1,0 +1,75 @@
+"""Lines in a disturbing torque: the pass backwards is the transpose of the one forwards, and orders and frequencies are found."""
+
+from dataclasses import replace
+
+import hidden
+import numpy as np
+import pytest
+from campaigns import RIG, campaign
+
+from observer_fi.improve import improve
+from observer_fi.improve.moves.lines import order_lines, time_lines
+from observer_fi.improve.moves.rig_refit import base_parameters
+from observer_fi.improve.moves.screening import Projector
+from observer_fi.learn import TORQUE, fit, gradient, linearised, prepare, response, run
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig, with_values
+from observer_fi.records import Log
+
+ORDERS = (0.17, 0.43, 2.31)
+
+
+def refitted(values: dict[str, float]):
+    """As `around`, of a campaign with some effects in the plant."""
+    return around(campaign(with_values(RIG, values), speeds=(410.0, 200.0), pitches=(0.0, 5.0), seed=5))
+
+
+def around(log: Log):
+    """An experiment, the fit of the rig to it, the linear motion around that, and its states."""
+    experiment = prepare([log], RIG)
+    fitted = fit(experiment, RIG.model, base_parameters(RIG, RIG.model))
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    return experiment, fitted, linearised(experiment, fitted.model, states), states
+
+
+def test_gradient_is_the_transpose_of_the_response() -> None:
+    experiment, _, linear, _ = refitted({})
+    rng = np.random.default_rng(3)
+    forcing, r = rng.standard_normal((1, experiment.t.size)), rng.standard_normal((experiment.t.size, 3))
+    forwards = float(np.sum(response(experiment, linear, TORQUE, forcing)[0] * r))
+    backwards = float(forcing[0] @ gradient(experiment, linear, TORQUE, r))
+    assert backwards == pytest.approx(forwards, rel=1e-9)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_line_of_any_order_is_found_first(order: float) -> None:
+    ripple = {"gear_ripple_sin": 8e-6, "gear_ripple_cos": 6e-6, "gear_order": order}
+    experiment, fitted, linear, states = refitted(ripple)
+    found = order_lines(experiment, Projector(experiment, fitted), linear, states)
+    assert found[0].at == pytest.approx(order, abs=0.01)
+    assert found[0].gain > 100.0
+
+
+@pytest.mark.parametrize("seed", [7311, 7312, 7313])
+def test_no_line_where_there_is_none(seed: int) -> None:
+    frame, _ = hidden.make_log(hidden.draw_effects_case(seed, (), 0.0), seed)
+    experiment, fitted, linear, states = around(log_from_frame(frame))
+    projector = Projector(experiment, fitted)
+    lines = [*order_lines(experiment, projector, linear, states), *time_lines(experiment, projector, linear)]
+    assert all(line.gain < 20.0 for line in lines)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [7302])
+def test_a_gear_ripple_of_the_hidden_plant_is_named_with_its_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    order, size = float(rng.uniform(0.12, 0.9)), float(rng.uniform(1e-5, 5e-5))
+    effect = hidden.effect("shaft_ripple", amplitude=size, order=order, phase=float(rng.uniform(0.0, 6.0)))
+    spec = replace(hidden.draw_effects_case(seed, (), 0.0), effects=(effect,))
+    frame, _ = hidden.make_log(spec, seed)
+    found = improve([log_from_frame(frame)], load_rig())
+    assert [f.cause for f in found.findings] == ["gear_ripple"]
+    values = found.findings[0].parameters
+    assert values["gear_order"].value == pytest.approx(order, abs=2e-3)
+    amplitude = np.hypot(values["gear_ripple_sin"].value, values["gear_ripple_cos"].value)
+    assert amplitude == pytest.approx(size, rel=0.05)
