@@ -16,6 +16,8 @@ RAMP_S, RING_S, STEADY_S, FEWEST_STEADY = 0.25, 0.15, 0.3, 40
 # A motor's turn and a servo's ring are no slower; how well a half tells a frequency.
 SLOW_HZ, SAME_HZ = 80.0, 3.0
 DEGREE = 12  # of a polynomial over a half, which follows up to 40 Hz
+# Noise so many times that at rest comes with the motion if every stretch of so many samples has its share of what is more.
+MUCH, STRETCH, SHARE, QUIET = 3.0, 48, 0.25, 0.5
 
 
 def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) -> float:
@@ -33,22 +35,42 @@ def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) 
     ratio = max(
         white / usual, math.hypot(usual, _of_lines([_bent(t[half], z[half]) for half in halves])) / usual
     )
-    return ratio if ratio > MORE else 1.0
+    return ratio if ratio > MORE and _throughout(t, z, w_cmd, white, at_rest) else 1.0
+
+
+def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> bool:
+    """Whether noise came with the motion and stayed with it: what begins later, or is over before, is a sensor that fails.
+
+    Looked at from the end of the first ramp until the command changes. Stretches much quieter than rest are those of a
+    sensor that stands still, and tell nothing of the noise. steady, at_rest: noise in motion and at rest [unit of z].
+    """
+    if not steady > MUCH * at_rest:
+        return True
+    first = int(np.searchsorted(t, _ramp_end(t, w_cmd)))
+    turns = np.flatnonzero(w_cmd[first + 1 :] != w_cmd[first + 1])
+    last = first + 1 + int(turns[0]) if turns.size else t.size
+    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH // 2)])
+    told = levels[levels > QUIET * at_rest]
+    return not (told < at_rest + SHARE * (steady - at_rest)).any()
 
 
 def _steady_halves(t: Array, w_cmd: Array) -> tuple[slice, slice] | None:
     """The two halves of the first steady motion, None where there is none."""
-    started = np.flatnonzero(w_cmd != 0.0)
-    if not started.size:
+    if not (w_cmd != 0.0).any():
         return None
-    begun = float(t[started[0]])
-    turned = t[1:][np.diff(w_cmd) != 0.0]
-    since = float(turned[turned < begun + RAMP_S].max(initial=begun))
+    since = _ramp_end(t, w_cmd)
     first, last = np.searchsorted(t, [since + RING_S, since + RING_S + STEADY_S]).tolist()
     middle = (first + last) // 2
     if middle - first < FEWEST_STEADY or not (w_cmd[first:last] == w_cmd[first]).all():
         return None
     return slice(first, middle), slice(middle, last)
+
+
+def _ramp_end(t: Array, w_cmd: Array) -> float:
+    """When the first ramp of a command that is not 0 throughout is over [s]."""
+    begun = float(t[np.flatnonzero(w_cmd != 0.0)[0]])
+    turned = t[1:][np.diff(w_cmd) != 0.0]
+    return float(turned[turned < begun + RAMP_S].max(initial=begun))
 
 
 def _bent(t: Array, z: Array) -> tuple[Array, Array]:
