@@ -28,7 +28,7 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
     return [
         (
             "kind of file",
-            f"a regular file ending in {', '.join(registry.SUFFIXES)}",
+            f"a regular file ending in {registry.SHOWN_SUFFIXES}",
             "pipes, devices and folders: refused",
         ),
         (

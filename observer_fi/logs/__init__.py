@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
-from observer_fi.logs.formats.registry import SUFFIXES
+from observer_fi.logs.formats.registry import SHOWN_SUFFIXES, SUFFIXES
 from observer_fi.logs.ingest import (
     CHUNK_ROWS,
     LogFile,
@@ -120,6 +120,7 @@ __all__ = [
     "Progress",
     "Readings",
     "Row",
+    "SHOWN_SUFFIXES",
     "SUFFIXES",
     "Splitter",
     "excitation",

@@ -10,7 +10,7 @@ from typing import Any
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap, read_log
+from observer_fi.logs import PLAIN, SHOWN_SUFFIXES, SUFFIXES, ColumnMap, read_log
 from observer_fi.physics import Rig, rig_toml
 from observer_fi.report import json_text, write_file
 from observer_fi.serve.fleet import digest_of as sha256_of
@@ -50,7 +50,7 @@ def logs_in(places: Sequence[str]) -> list[str]:
             continue
         inside = sorted(p for p in path.rglob("*") if _is_log(p, path))
         if not inside:
-            raise UsageError(f"{place}: no logs ({', '.join(SUFFIXES)}) in this folder or below")
+            raise UsageError(f"{place}: no logs ({SHOWN_SUFFIXES}) in this folder or below")
         found += [str(p) for p in inside]
     return list(dict.fromkeys(found))
 

@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 from observer_fi import __version__
 from observer_fi.errors import InvalidLogError, LostClusterError, UsageError
-from observer_fi.logs import PLAIN, SUFFIXES, ColumnMap
+from observer_fi.logs import PLAIN, SHOWN_SUFFIXES, SUFFIXES, ColumnMap
 from observer_fi.physics import FAULTS, NOMINAL, NOT_TESTED, Rig, rig_toml
 from observer_fi.records import Event, Outcome
 from observer_fi.report import (
@@ -101,7 +101,7 @@ def find_logs(job: Job, pattern: str = "*", say: Callable[[str], object] = str) 
         names[log] = f"{log}.report" if taken else stem
     found = {log: name for log, name in names.items() if fnmatch.fnmatch(Path(log).name, pattern)}
     if not found:
-        raise UsageError(f"{job.folder}: no logs ({', '.join(SUFFIXES)}) match {pattern!r} here or below")
+        raise UsageError(f"{job.folder}: no logs ({SHOWN_SUFFIXES}) match {pattern!r} here or below")
     return found
 
 

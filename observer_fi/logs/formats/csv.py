@@ -97,8 +97,8 @@ def _layout(source: Source, column_map: ColumnMap) -> _Layout:
         headers = [*headers, ""]  # every row ends with a separator, the header does not
     decimal_comma = column_map.decimal_comma
     if decimal_comma is None:
-        numbers = _GROUPS.sub(r"\1", separator.join(field for field in row if not is_stamp(field)))
-        decimal_comma = separator != "," and bool(re.search(r"\d,\d", numbers)) and "." not in numbers
+        numbers = [_GROUPS.sub(r"\1", field) for field in row if not is_stamp(field)]
+        decimal_comma = any(re.search(r"\d,\d", n) for n in numbers) and not any("." in n for n in numbers)
         notes += ("numbers have a decimal comma",) if decimal_comma else ()
     metadata = tuple(line.lstrip("#").strip() for line in texts[: max(header_at, 0)] if line.strip("# \t"))
     decimal = "," if decimal_comma else "."

@@ -6,6 +6,7 @@ from pathlib import Path
 from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import open_csv
+from observer_fi.logs.formats.feather import open_feather
 from observer_fi.logs.formats.lvm import open_lvm
 from observer_fi.logs.formats.mat import open_mat
 from observer_fi.logs.formats.mdf import open_mdf
@@ -14,11 +15,18 @@ from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.tdms import open_tdms
 from observer_fi.logs.tables import Table
 
+_TEXTS = (".csv", ".txt", ".tsv", ".dat")
+_PACKED = (".gz", ".xz", ".bz2", ".zip")
 SUFFIXES = (
-    ".csv.gz", ".csv", ".parquet", ".tdms", ".lvm", ".txt", ".tsv", ".dat", ".pq", ".mat", ".mf4", ".mdf"
+    *(text + packed for text in _TEXTS for packed in _PACKED), ".zip", *_TEXTS,
+    ".parquet", ".pq", ".feather", ".arrow", ".tdms", ".lvm", ".mat", ".mf4", ".mdf"
 )  # fmt: skip
+SHOWN_SUFFIXES = (
+    f"{', '.join(SUFFIXES[len(_TEXTS) * len(_PACKED) + 1 :])}; text also packed as .gz, .xz, .bz2 or .zip"
+)
 READERS = {
-    ".parquet": open_parquet, ".pq": open_parquet, ".tdms": open_tdms, ".lvm": open_lvm, ".mat": open_mat,
+    ".parquet": open_parquet, ".pq": open_parquet, ".feather": open_feather, ".arrow": open_feather,
+    ".tdms": open_tdms, ".lvm": open_lvm, ".mat": open_mat,
     ".mf4": open_mdf, ".mdf": open_mdf,
 }  # fmt: skip
 
@@ -40,6 +48,7 @@ def check_kind(path: str, magic: bytes) -> None:
         (b"PAR1", "a Parquet", ".parquet"),
         (b"MDF ", "an MDF", ".mf4"),
         (b"TDSm", "a TDMS", ".tdms"),
+        (b"ARRO", "a Feather", ".feather"),
     ):
         if magic == start:
             raise InvalidLogError(f"{path}: this is {name} file; rename it to end in {suffix}")
@@ -52,7 +61,7 @@ def open_table(source: Source, column_map: ColumnMap) -> Table:
         raise InvalidLogError(f"{path}: the file is empty; record or export the log again")
     suffix = suffix_of(path)
     if not suffix:
-        raise InvalidLogError(f"{path}: unknown kind of file; logs end in {', '.join(SUFFIXES)}")
+        raise InvalidLogError(f"{path}: unknown kind of file; logs end in {SHOWN_SUFFIXES}")
     check_kind(path, magic)
     try:
         table = READERS.get(suffix, open_csv)(source, column_map)

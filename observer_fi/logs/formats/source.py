@@ -1,14 +1,17 @@
 """The file behind a log: opened as often as needed, and noticed if it is no longer the one that was opened first."""
 
+import bz2
 import codecs
 import gzip
 import hashlib
+import lzma
 import os
 import stat
 import weakref
+import zipfile
 import zlib
-from collections.abc import Iterator
-from typing import BinaryIO, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import IO, BinaryIO, NamedTuple
 
 from observer_fi.errors import InvalidLogError
 
@@ -21,6 +24,15 @@ _ONE_BYTE = (
     "latin",
     "koi8",
 )  # ASCII as it stands, and nothing else looks like it
+
+# First bytes of what packs text: its name, and how it is opened.
+PACKERS: dict[bytes, tuple[str, Callable[[BinaryIO], IO[bytes]]]] = {
+    b"\x1f\x8b": ("gzip", lambda raw: gzip.GzipFile(fileobj=raw)),
+    b"\xfd7zX": ("xz", lzma.LZMAFile),
+    b"BZh": ("bzip2", bz2.BZ2File),
+    b"PK\x03\x04": ("zip", lambda raw: _only_member(raw)),
+}
+_BROKEN = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, NotImplementedError)
 
 
 class _Identity(NamedTuple):
@@ -109,6 +121,43 @@ def _kind(mode: int) -> str:
     return kinds.get(stat.S_IFMT(mode), "is a device")
 
 
+def packer_of(magic: bytes) -> str:
+    """What a file is packed with by its first four bytes, "" where with nothing."""
+    return next((name for start, (name, _) in PACKERS.items() if magic.startswith(start)), "")
+
+
+def _only_member(raw: BinaryIO) -> IO[bytes]:
+    """The one file of a zip archive, besides what a Mac adds. Raises InvalidLogError where it is not one, or locked."""
+    archive = zipfile.ZipFile(raw)
+    names = [info for info in archive.infolist() if not info.is_dir() and "__MACOSX" not in info.filename]
+    if any(info.filename == "[Content_Types].xml" for info in names):
+        raise InvalidLogError("this is a spreadsheet; export the log from it as CSV")
+    if len(names) != 1:
+        raise InvalidLogError(f"this is an archive of {len(names)} files; unpack it and give the log")
+    if names[0].flag_bits & 1:
+        raise InvalidLogError("the archive is locked by a password; unpack it and give the log")
+    return archive.open(names[0])
+
+
+def _unpacked(source: Source, raw: BinaryIO) -> IO[bytes]:
+    """The bytes of a file without what packs them."""
+    for start, (_, opened) in PACKERS.items():
+        if source.magic.startswith(start):
+            try:
+                return opened(raw)
+            except InvalidLogError as error:
+                raise InvalidLogError(f"{source.path}: {error}") from error
+    return raw
+
+
+def _wide(magic: bytes) -> str | None:
+    """The encoding of text of two bytes a character, by its mark or by the zeros in its first characters; None of other text."""
+    if magic[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    zeros = [byte == 0 for byte in magic]
+    return {(False, True) * 2: "utf-16-le", (True, False) * 2: "utf-16-be"}.get(tuple(zeros))
+
+
 def is_like_ascii(encoding: str | None) -> bool:
     """Whether a byte of ASCII stands for itself in this encoding, and for nothing else."""
     return encoding is None or codecs.lookup(encoding).name.startswith(_ONE_BYTE)
@@ -119,27 +168,20 @@ def utf8_pieces(source: Source, encoding: str | None) -> Iterator[bytes]:
 
     Raises InvalidLogError where it cannot be decompressed.
     """
-    if encoding is None and source.magic[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16"
+    encoding = encoding or _wide(source.magic)
     decoder = None if is_like_ascii(encoding) else codecs.getincrementaldecoder(encoding or "")("replace")
     with source.open() as raw:
-        packed = source.magic[:2] == b"\x1f\x8b"
-        stream = gzip.GzipFile(fileobj=raw) if packed else raw
-        while True:
-            try:
-                piece = stream.read(PIECE_BYTES)
-                text = (
-                    piece if decoder is None else decoder.decode(piece, not piece).encode("utf-8", "replace")
-                )
-            except UnicodeError as error:
-                raise InvalidLogError(
-                    f"{source.path}: cannot be decoded as {encoding} ({str(error)[:100]}); name the right encoding in a "
-                    "column map"
-                ) from error
-            except (OSError, EOFError, zlib.error) as error:
-                raise InvalidLogError(
-                    f"{source.path}: breaks off ({str(error)[:100]}); copy or export it again"
-                ) from error
-            yield text
-            if not piece:
-                return
+        try:
+            stream = _unpacked(source, raw)
+            while piece := stream.read(PIECE_BYTES):
+                yield piece if decoder is None else decoder.decode(piece).encode("utf-8", "replace")
+            yield b"" if decoder is None else decoder.decode(b"", True).encode("utf-8", "replace")
+        except UnicodeError as error:
+            raise InvalidLogError(
+                f"{source.path}: cannot be decoded as {encoding} ({str(error)[:100]}); name the right encoding in a "
+                "column map"
+            ) from error
+        except _BROKEN as error:
+            raise InvalidLogError(
+                f"{source.path}: breaks off ({str(error)[:100]}); copy or export it again"
+            ) from error

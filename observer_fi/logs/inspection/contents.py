@@ -12,11 +12,12 @@ from observer_fi.logs.blank_columns import BlankColumns
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats import lvm
 from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first_bytes, is_binary
+from observer_fi.logs.formats.feather import feather_columns
 from observer_fi.logs.formats.mat import mat_vectors
 from observer_fi.logs.formats.mdf import Group, best_group, mdf_groups
 from observer_fi.logs.formats.parquet import parquet_columns
-from observer_fi.logs.formats.registry import READERS, SUFFIXES, check_kind, suffix_of
-from observer_fi.logs.formats.source import Source, utf8_pieces
+from observer_fi.logs.formats.registry import READERS, SHOWN_SUFFIXES, check_kind, suffix_of
+from observer_fi.logs.formats.source import Source, packer_of, utf8_pieces
 from observer_fi.logs.formats.stamps import STAMP, Stamps, is_stamp
 from observer_fi.logs.formats.tdms import tdms_columns
 from observer_fi.logs.formats.text_rows import lines_in, without_lines
@@ -75,7 +76,7 @@ def contents_of(path: str, column_map: ColumnMap | None = None) -> Contents:
         raise InvalidLogError(f"{path}: the file is empty; record or export the log again")
     suffix = suffix_of(path)
     if not suffix:
-        raise InvalidLogError(f"{path}: unknown kind of file; logs end in {', '.join(SUFFIXES)}")
+        raise InvalidLogError(f"{path}: unknown kind of file; logs end in {SHOWN_SUFFIXES}")
     check_kind(path, source.magic)
     try:
         found = _OF_KIND[suffix](source) if suffix in READERS else _of_text(source, column_map)
@@ -111,13 +112,9 @@ def _of_text(source: Source, column_map: ColumnMap | None) -> Contents:
             f"{source.path}: {len(table.headers)} columns, more than {MOST_COLUMNS}; export those needed"
         )
     columns, rows, whole = _text_columns(source, table, encoding, column_map.missing if column_map else ())
-    kind = (
-        "CSV, gzip"
-        if source.magic[:2] == b"\x1f\x8b"
-        else "text"
-        if suffix_of(source.path) != ".csv"
-        else "CSV"
-    )
+    kind = "CSV" if suffix_of(source.path).startswith(".csv") else "text"
+    packer = packer_of(source.magic)
+    kind += f", {packer}" if packer else ""
     return Contents(source.path, kind, columns, rows, whole, table, False, table.preamble, notes)
 
 
@@ -261,9 +258,18 @@ def _typed(path: str, header: str, values: NDArray[Any], unit: str) -> Column:
 
 
 def _of_parquet(source: Source) -> Contents:
-    arrays, rows, metadata = parquet_columns(source, MOST_ROWS)
-    found = _of_arrays(source, "Parquet", arrays, {}, metadata=metadata)
-    return Contents(source.path, "Parquet", found.columns, found.rows, rows <= found.rows, metadata=metadata)
+    return _of_typed(source, "Parquet", *parquet_columns(source, MOST_ROWS))
+
+
+def _of_feather(source: Source) -> Contents:
+    return _of_typed(source, "Feather", *feather_columns(source, MOST_ROWS))
+
+
+def _of_typed(
+    source: Source, kind: str, arrays: dict[str, NDArray[Any]], rows: int, metadata: tuple[str, ...]
+) -> Contents:
+    found = _of_arrays(source, kind, arrays, {}, metadata=metadata)
+    return Contents(source.path, kind, found.columns, found.rows, rows <= found.rows, metadata=metadata)
 
 
 def _of_tdms(source: Source) -> Contents:
@@ -312,7 +318,8 @@ def _of_lvm(source: Source) -> Contents:
 
 
 _OF_KIND: dict[str, Callable[[Source], Contents]] = {
-    ".parquet": _of_parquet, ".pq": _of_parquet, ".tdms": _of_tdms, ".lvm": _of_lvm, ".mat": _of_mat, ".mf4": _of_mdf,
+    ".parquet": _of_parquet, ".pq": _of_parquet, ".feather": _of_feather, ".arrow": _of_feather,
+    ".tdms": _of_tdms, ".lvm": _of_lvm, ".mat": _of_mat, ".mf4": _of_mdf,
     ".mdf": _of_mdf,
 }  # fmt: skip
 

@@ -32,7 +32,7 @@ def text_table(lines: list[str], column_map: ColumnMap | None = None) -> TextTab
     separators = [column_map.separator] if column_map and column_map.separator else SEPARATORS
     decimal = column_map.decimal_comma if column_map else None
     decimals = [".", ","] if decimal is None else [","] if decimal else ["."]
-    worth = {(s, d): _worth(lines, s, d) for s in separators for d in decimals if (s, d) != (",", ",")}
+    worth = {(s, d): _worth(lines, s, d) for s in separators for d in decimals}
     separator, decimal_sign = max(worth, key=lambda key: worth[key])
     if worth[separator, decimal_sign][0] <= 0.0:
         return None
@@ -59,7 +59,7 @@ def _worth(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
     numbers = sum(is_number(field, decimal) for row in like for field in row)
     if not numbers:
         return 0.0, 0
-    return round(told / (usual * len(like)) * len(like) / len(rows), 2), usual if decimal == "." else usual
+    return round(told / (usual * len(like)) * len(like) / len(rows), 2), usual
 
 
 def _split(line: str, separator: str) -> list[str]:
