@@ -11,7 +11,7 @@ import weakref
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from typing import IO, BinaryIO, NamedTuple
+from typing import IO, Any, BinaryIO, NamedTuple
 
 from observer_fi.errors import InvalidLogError
 
@@ -26,7 +26,7 @@ _ONE_BYTE = (
 )  # ASCII as it stands, and nothing else looks like it
 
 # First bytes of what packs text: its name, and how it is opened.
-PACKERS: dict[bytes, tuple[str, Callable[[BinaryIO], IO[bytes]]]] = {
+PACKERS: dict[bytes, tuple[str, Callable[[BinaryIO], Any]]] = {
     b"\x1f\x8b": ("gzip", lambda raw: gzip.GzipFile(fileobj=raw)),
     b"\xfd7zX": ("xz", lzma.LZMAFile),
     b"BZh": ("bzip2", bz2.BZ2File),
@@ -154,8 +154,8 @@ def _wide(magic: bytes) -> str | None:
     """The encoding of text of two bytes a character, by its mark or by the zeros in its first characters; None of other text."""
     if magic[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "utf-16"
-    zeros = [byte == 0 for byte in magic]
-    return {(False, True) * 2: "utf-16-le", (True, False) * 2: "utf-16-be"}.get(tuple(zeros))
+    zeros = "".join("1" if byte == 0 else "0" for byte in magic)
+    return {"0101": "utf-16-le", "1010": "utf-16-be"}.get(zeros)
 
 
 def is_like_ascii(encoding: str | None) -> bool:

@@ -16,8 +16,8 @@ RAMP_S, RING_S, STEADY_S, FEWEST_STEADY = 0.25, 0.15, 0.3, 40
 # A motor's turn and a servo's ring are no slower; how well a half tells a frequency.
 SLOW_HZ, SAME_HZ = 80.0, 3.0
 DEGREE = 12  # of a polynomial over a half, which follows up to 40 Hz
-# Noise so many times that at rest comes with the motion if every stretch of so many samples has its share of what is more.
-MUCH, STRETCH, SHARE, QUIET = 3.0, 48, 0.25, 0.5
+# Noise so many times that at rest comes with the motion if no two stretches of so many samples lack their share of what is more.
+MUCH, STRETCH, SHARE, QUIET = 3.0, 32, 0.25, 0.5
 
 
 def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) -> float:
@@ -42,16 +42,17 @@ def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float)
     """Whether noise came with the motion and stayed with it: what begins later, or is over before, is a sensor that fails.
 
     Looked at from the end of the first ramp until the command changes. Stretches much quieter than rest are those of a
-    sensor that stands still, and tell nothing of the noise. steady, at_rest: noise in motion and at rest [unit of z].
+    sensor that stands still, which may begin within one, and tell nothing of the noise.
+    steady, at_rest: noise in motion and at rest [unit of z].
     """
     if not steady > MUCH * at_rest:
         return True
     first = int(np.searchsorted(t, _ramp_end(t, w_cmd)))
     turns = np.flatnonzero(w_cmd[first + 1 :] != w_cmd[first + 1])
     last = first + 1 + int(turns[0]) if turns.size else t.size
-    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH // 2)])
-    told = levels[levels > QUIET * at_rest]
-    return not (told < at_rest + SHARE * (steady - at_rest)).any()
+    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH)])
+    quiet = (levels > QUIET * at_rest) & (levels < at_rest + SHARE * (steady - at_rest))
+    return not (quiet[1:] & quiet[:-1]).any()
 
 
 def _steady_halves(t: Array, w_cmd: Array) -> tuple[slice, slice] | None:
