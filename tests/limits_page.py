@@ -7,7 +7,8 @@ from observer_fi.bank import log_feed
 from observer_fi.improve.moves import simulated_moves
 from observer_fi.learn import move_data
 from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
-from observer_fi.logs.formats import csv, parquet, registry, source, tdms, text_rows, waveforms
+from observer_fi.logs.formats import csv, registry, source, tdms, text_rows, waveforms
+from observer_fi.logs.formats.typed import parquet
 from observer_fi.logs.logger import acquisition, holds
 from observer_fi.physics import PARAMETERS, rig_file
 from observer_fi.verdict.logger import lateness, low_pass

@@ -6,13 +6,13 @@ from pathlib import Path
 from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.csv import open_csv
-from observer_fi.logs.formats.feather import open_feather
 from observer_fi.logs.formats.lvm import open_lvm
 from observer_fi.logs.formats.mat import open_mat
 from observer_fi.logs.formats.mdf import open_mdf
-from observer_fi.logs.formats.parquet import open_parquet
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.tdms import open_tdms
+from observer_fi.logs.formats.typed.feather import open_feather
+from observer_fi.logs.formats.typed.parquet import open_parquet
 from observer_fi.logs.tables import Table
 
 _TEXTS = (".csv", ".txt", ".tsv", ".dat")

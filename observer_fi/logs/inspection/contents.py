@@ -12,15 +12,15 @@ from observer_fi.logs.blank_columns import BlankColumns
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats import lvm
 from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first_bytes, is_binary
-from observer_fi.logs.formats.feather import feather_columns
 from observer_fi.logs.formats.mat import mat_vectors
 from observer_fi.logs.formats.mdf import Group, best_group, mdf_groups
-from observer_fi.logs.formats.parquet import parquet_columns
 from observer_fi.logs.formats.registry import READERS, SHOWN_SUFFIXES, check_kind, suffix_of
 from observer_fi.logs.formats.source import Source, packer_of, utf8_pieces
 from observer_fi.logs.formats.stamps import STAMP, Stamps, is_stamp
 from observer_fi.logs.formats.tdms import tdms_columns
 from observer_fi.logs.formats.text_rows import lines_in, without_lines
+from observer_fi.logs.formats.typed.feather import feather_columns
+from observer_fi.logs.formats.typed.parquet import parquet_columns
 from observer_fi.logs.inspection.text_table import TextTable, text_table
 from observer_fi.logs.inspection.vocabulary import understood
 from observer_fi.logs.plain_cells import plain_cell

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.third_party import third_party
-from observer_fi.logs.formats.typed_columns import metadata_of, typed_arrays, typed_table
+from observer_fi.logs.formats.typed.batches import metadata_of, typed_arrays, typed_table
 from observer_fi.logs.tables import Table
 
 _DAMAGED = "not a whole Feather file of version 2 ({}); copy or export it again"

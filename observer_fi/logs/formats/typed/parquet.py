@@ -10,7 +10,7 @@ from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import ColumnMap
 from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.third_party import third_party
-from observer_fi.logs.formats.typed_columns import BATCH_ROWS, metadata_of, typed_arrays, typed_table
+from observer_fi.logs.formats.typed.batches import BATCH_ROWS, metadata_of, typed_arrays, typed_table
 from observer_fi.logs.tables import Table
 
 # Of a row group, unpacked: what a page of it may ask for. (Its columns are not looked at one by one: pyarrow ends the process
