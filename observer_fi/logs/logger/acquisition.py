@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from observer_fi.logs.logger.clock import clock_of, even
 from observer_fi.logs.logger.holds import hold_of
-from observer_fi.logs.logger.in_motion import more_in_motion
+from observer_fi.logs.logger.in_motion import more_in_motion, quiet_begin
 from observer_fi.logs.logger.lines import lines_of
 from observer_fi.logs.logger.steps import step_of
 from observer_fi.numerics import autocorrelation, resolution_of, runs
@@ -195,13 +195,18 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     held = hold and hold.every
     step = resolution_of(np.diff(z[there])) if held else step_of(z[there])
     every = held or 1.0 / float(there.mean())  # rows from one reading to the next
-    pieces = [_piece(t[r], z[r], held) for r in rests]
-    pieces = [
-        p
-        for r, p in zip(rests, pieces, strict=True)
+    told = [(r, _piece(t[r], z[r], held)) for r in rests]
+    told = [
+        (r, p)
+        for r, p in told
         if p[0].size >= max(min(FEWEST, ENOUGH * (r.stop - r.start)) / every, FEWEST_TICKS)
     ]
-    if pieces:
+    pieces = [p for _, p in told]
+    loud = _white(z[told[0][0]] if told else z) / SWITCHED[1]
+    quiet = slice(0) if held else quiet_begin(z, told[0][0].start if told else z.size, loud)
+    if quiet.stop:
+        traits = _in_motion(z[quiet][there[quiet]], step, usual)
+    elif pieces:
         traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
         moving = 1.0 if held else more_in_motion(t, z, w_cmd, rests[0], max(usual, step or 0.0))
         traits = traits._replace(as_white=max(grown, moving) * traits.as_white, grown=grown, moving=moving)

@@ -18,6 +18,7 @@ SLOW_HZ, SAME_HZ = 80.0, 3.0
 DEGREE = 12  # of a polynomial over a half, which follows up to 40 Hz
 # Noise so many times that at rest comes with the motion if no two stretches of so many samples lack their share of what is more.
 MUCH, STRETCH, SHARE, QUIET = 3.0, 32, 0.25, 0.5
+FEWEST_QUIET = 4  # stretches from which the begin of a log tells its noise
 
 
 def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) -> float:
@@ -53,6 +54,17 @@ def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float)
     levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH)])
     quiet = (levels > QUIET * at_rest) & (levels < at_rest + SHARE * (steady - at_rest))
     return not (quiet[1:] & quiet[:-1]).any()
+
+
+def quiet_begin(z: Array, end: int, loud: float) -> slice:
+    """The readings before sample `end` that have less than a noise `loud` [unit of z], from the first one on; none if few.
+
+    So a log begins in motion whose sensor became noisy on the way: a rest behind that says nothing of its logger.
+    """
+    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(0, end - STRETCH + 1, STRETCH)])
+    other = np.flatnonzero(~((levels > 0.0) & (levels < loud)))
+    count = int(other[0]) if other.size else levels.size
+    return slice(0, count * STRETCH if count >= FEWEST_QUIET else 0)
 
 
 def _steady_halves(t: Array, w_cmd: Array) -> tuple[slice, slice] | None:

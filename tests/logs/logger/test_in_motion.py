@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer_fi.logs.logger.in_motion import more_in_motion
+from observer_fi.logs.logger.in_motion import more_in_motion, quiet_begin
 
 RATE_HZ, START_S, RAMP_S, STOP_S, END_S = 1600.0, 0.4, 0.05, 2.4, 3.0
 T = np.arange(0.0, END_S, 1.0 / RATE_HZ)
@@ -54,3 +54,27 @@ def test_a_sensor_that_stands_still_later_takes_nothing_of_it(seed: int) -> None
 @pytest.mark.parametrize("seed", range(4))
 def test_an_ordinary_channel_has_no_more(seed: int) -> None:
     assert more_in_motion(T, readings(seed, *MOVING, 1.0), W_CMD, REST, NOISE) == 1.0
+
+
+BEGUN = int((START_S + 0.2) * RATE_HZ)  # of a log that begins under way
+BEHIND = slice(int((STOP_S + 0.3) * RATE_HZ), T.size)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_begin_tells_that_a_channel_became_noisy_on_the_way(seed: int) -> None:
+    z = readings(seed, 1.4, END_S, 16.0)[BEGUN:]
+    quiet = quiet_begin(z, BEHIND.start - BEGUN, 16.0 * NOISE / 8.0)
+    assert quiet.start == 0 and quiet.stop / RATE_HZ == pytest.approx(1.4 - BEGUN / RATE_HZ, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("since", "times"), [(0.0, 16.0), (1.4, 4.0), (START_S + 0.22, 16.0)])
+def test_a_noisy_channel_or_another_range_is_the_loggers(seed: int, since: float, times: float) -> None:
+    z = readings(seed, since, END_S, times)[BEGUN:]
+    assert quiet_begin(z, BEHIND.start - BEGUN, times * NOISE / 8.0).stop == 0
+
+
+def test_a_sensor_that_stood_still_at_first_was_not_quiet() -> None:
+    z = readings(0, 0.0, END_S, 1.0)[BEGUN:]
+    z[:800] = z[800]
+    assert quiet_begin(z, BEHIND.start - BEGUN, NOISE / 8.0).stop == 0
