@@ -112,5 +112,8 @@ def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSet
     settings = with_errors(settings, rig) if rig.errors else settings
     if rig.watched.servo or rate_hz >= PAPERS_HZ:
         return settings
-    repeats = settings.repeat_weight if rate_hz > SLOW_HZ else 0.0
-    return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz, repeat_weight=repeats)
+    if rate_hz > SLOW_HZ:
+        return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)
+    import os
+    ag = float(os.environ.get('AG','1'))
+    return replace(settings, agility=settings.agility * ag, repeat_weight=0.0, meanwhile=float(os.environ.get('MW','1')))

@@ -216,6 +216,30 @@ def propagate(x, at, has, slow, t, now, interval, row, last, theta, p):
 
 
 @inlined
+def changed(z, row, previous, meanwhile):
+    """Squares of what current [A] and voltage [V] changed from the readings `previous` (3,) to row `row` of z (n, 3).
+
+    Infinite where one of them is missing, and where nobody asks (meanwhile 0).
+    """
+    di, dV = z[row, 1] - previous[1], z[row, 0] - previous[0]
+    if meanwhile > 0.0 and di == di and dV == dV:
+        return di * di, dV * dV
+    return math.inf, math.inf
+
+
+@inlined
+def grown_current(growth, seen, noise, p):
+    """Variance that I gains in a step of an unknown servo: `growth`, and no more than what readings saw it change.
+
+    seen: of `changed`; noise: variance of the current's readings [A^2]. A motor that turns steadily is driven steadily, and its
+    start may be anything: one diffusion for both would leave the steady motion without a word.
+    """
+    of_V = seen[1] / (p[a.RM] * p[a.RM])
+    most = (where_above(of_V, seen[0], of_V, seen[0]) + noise) / (p[a.KI] * p[a.KI])
+    return where_above(growth, most, most, growth)
+
+
+@inlined
 def _set_slope(g, row, at, has, kind, slope):
     g[row, at[kind]] = where_above(has[kind], 0.5, slope, g[row, at[kind]])
 

@@ -110,7 +110,7 @@ def _move(b, r, x, c, dt, now, interval, row, last, theta):
 
 
 @inlined
-def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
+def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta, seen):
     """Means and covariances a sample later, from from_x, from_P to r.x, r.P; r.slow in place, after the centre."""
     n, before = b.n, from_x[0]
     _sigma_points(b, r, u, from_x, from_P)
@@ -141,7 +141,10 @@ def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
                 )
                 total = total + (weight * r.holds[s]) * both
             r.P[k, q] = total
-        r.P[k, k] = r.P[k, k] + r.diffusion[k] * dt
+        growth = r.diffusion[k] * dt
+        r.P[k, k] = r.P[k, k] + (
+            growth if k != 1 else tr.grown_current(growth, seen, b.noise[1], r.parameters)
+        )
     change = (r.x[0] - before) * (r.x[0] - before)
     r.P[0, 0] = where_above(moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE)
     r.P[1, 1] = r.P[1, 1] + tune.tick * tune.tick * change
