@@ -219,12 +219,12 @@ def propagate(x, at, has, slow, t, now, interval, row, last, theta, p):
 def changed(z, row, previous, meanwhile):
     """Squares of what current [A] and voltage [V] changed from the readings `previous` (3,) to row `row` of z (n, 3).
 
-    Infinite where one of them is missing, and where nobody asks (meanwhile 0).
+    That of a voltage that is missing is 0, that of a current, or where nobody asks (meanwhile 0), infinite.
     """
     di, dV = z[row, 1] - previous[1], z[row, 0] - previous[0]
-    if meanwhile > 0.0 and di == di and dV == dV:
-        return di * di, dV * dV
-    return math.inf, math.inf
+    if not meanwhile > 0.0 or di != di:
+        return math.inf, math.inf
+    return di * di, dV * dV if dV == dV else 0.0
 
 
 @inlined
@@ -235,7 +235,7 @@ def grown_current(growth, seen, noise, p):
     start may be anything: one diffusion for both would leave the steady motion without a word.
     """
     of_V = seen[1] / (p[a.RM] * p[a.RM])
-    most = (where_above(of_V, seen[0], of_V, seen[0]) + noise) / (p[a.KI] * p[a.KI])
+    most = (where_above(of_V, seen[0], of_V, seen[0]) + noise) / (p[a.KI] * p[a.KI]) + LEAST * growth
     return where_above(growth, most, most, growth)
 
 
@@ -334,6 +334,7 @@ def _delayed(cells, first, change, now, t, delay):
     return total
 
 
+LEAST = 0.01  # of the growth, whatever was seen: beside a stiff obstacle, less left the filters sure of what they had wrong
 LOG_2PI = math.log(2.0 * math.pi)
 
 
