@@ -115,5 +115,8 @@ def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSet
     if rate_hz > SLOW_HZ:
         return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)
     import os
-    ag = float(os.environ.get('AG','1'))
-    return replace(settings, agility=settings.agility * ag, repeat_weight=0.0, meanwhile=float(os.environ.get('MW','1')))
+
+    ag = float(os.environ.get("AG", "1"))
+    return replace(
+        settings, agility=settings.agility * ag, repeat_weight=0.0, meanwhile=float(os.environ.get("MW", "1"))
+    )

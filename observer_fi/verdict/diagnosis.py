@@ -49,6 +49,7 @@ from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.logger.left_out import left_out, may_be_a_channel, of_the_rest, without
 from observer_fi.verdict.moves.another_gain import or_another_gain
+from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
 from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
@@ -386,7 +387,7 @@ class Diagnosis:
 
     def _of_the_day(self, event: Event) -> Event:
         """The event, healthy where its friction was up by no more than from one day to the next, and that explains little."""
-        event = or_none(event)
+        event = or_the_resistance(or_none(event), self.memory, self.rig)
         story = self.last_word.explained.get(event.start_s)
         much = story is not None and story.gain >= FAR * self.settings.decision.move_nats
         return event if much else of_the_day(event, self.rig)

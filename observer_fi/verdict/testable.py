@@ -24,6 +24,9 @@ SURE_HZ = 75.0
 # samples/s still below 0.3 for a move of a third of a second.
 ROUGHEST = 1.0
 LEARNED_FIRST = ("J", "A")  # what any healthy move tells
+# What one of a slow logger tells, too: its starts are too short for the inertia, and the errors that were learned with that of
+# the data sheet hold what it is off.
+FRICTION = ("A",)
 FEWEST_QUIET = 2  # channels that repeat themselves together: one could be frozen
 
 
@@ -66,7 +69,8 @@ def never_learned(rig: Rig, label: str) -> str:
 
     Of six healthy moves of drawn actuators, with the rig files of their data sheets, four looked like a fault.
     """
-    guessed = [n for n in LEARNED_FIRST if n in rig.quantities and rig.quantities[n].method in UNLEARNED]
+    first = FRICTION if rig.errors else LEARNED_FIRST
+    guessed = [n for n in first if n in rig.quantities and rig.quantities[n].method in UNLEARNED]
     if not guessed:
         return ""
     return (
