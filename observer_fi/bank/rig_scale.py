@@ -114,9 +114,4 @@ def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSet
         return settings
     if rate_hz > SLOW_HZ:
         return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)
-    import os
-
-    ag = float(os.environ.get("AG", "1"))
-    return replace(
-        settings, agility=settings.agility * ag, repeat_weight=0.0, meanwhile=float(os.environ.get("MW", "1"))
-    )
+    return replace(settings, repeat_weight=0.0, meanwhile=1.0)
