@@ -59,7 +59,7 @@ from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
-from observer_fi.verdict.testable import Testable, untested
+from observer_fi.verdict.testable import Testable, or_an_obstacle, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, wrong_rig
 
 ONSETS_AGREE_S = 0.02
@@ -415,6 +415,7 @@ class Diagnosis:
         ):  # a known servo tells its motor
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
+        finished = [or_an_obstacle(e, self.rate, self.rig) for e in finished]
         isolated = list(map(isolated_again, finished, found.events))
         if self.detected_at is None:  # which may be anywhere in a move
             isolated[:1] = map(or_never_fitted, isolated[:1])
