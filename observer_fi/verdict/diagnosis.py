@@ -52,14 +52,14 @@ from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
-from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
+from observer_fi.verdict.moves.unloaded import or_frozen, or_let_go, without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
-from observer_fi.verdict.testable import Testable, or_an_obstacle, untested
+from observer_fi.verdict.testable import SURE_HZ, Testable, or_an_obstacle, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, wrong_rig
 
 ONSETS_AGREE_S = 0.02
@@ -416,6 +416,8 @@ class Diagnosis:
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         finished = [or_an_obstacle(e, self.rate, self.rig) for e in finished]
+        if self.rate < SURE_HZ and not self.rig.watched.servo:
+            finished = [or_let_go(e, self.memory) for e in finished]
         isolated = list(map(isolated_again, finished, found.events))
         if self.detected_at is None:  # which may be anywhere in a move
             isolated[:1] = map(or_never_fitted, isolated[:1])

@@ -14,6 +14,7 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from observer_fi.verdict.isolate import SHOWN_AT_REST
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
+from observer_fi.verdict.moves.unloaded import or_let_go
 from observer_fi.verdict.testable import never_learned, not_tested, or_an_obstacle
 from pipelines import rigs_study
 
@@ -99,6 +100,20 @@ def test_no_name_in_a_slow_log_may_be_an_obstacle(rate_hz: float, drive: str, sh
     event = not_tested("")._replace(label="unknown", probability=1.0)
     told = or_an_obstacle(event, rate_hz, replace(load_rig(), drive=drive))
     assert (told.alike == ("overload",) and told.probability == 0.5) if shared else told is event
+
+
+@pytest.mark.parametrize(("share", "shared"), [(0.5, True), (1.0, False)])
+def test_a_position_that_stopped_between_two_samples_may_be_a_mass_let_go(share: float, shared: bool) -> None:
+    """Shared where the steady current became another one, or is not seen; not where it stays what it was."""
+    t = np.arange(200) / 50.0
+    i = 0.5 * np.where(t < 2.0, 1.0, share)
+    z = np.column_stack((np.zeros(200), i, 1e-3 * np.minimum(t, 2.0)))
+    bank: Any = SimpleNamespace(recent=SimpleNamespace(t=t, z=z, active=t < 3.9))
+    event = not_tested("")._replace(
+        label="sensor_fault", channel="position", probability=1.0, onset_s=2.0, start_s=0.0, end_s=4.0
+    )
+    told = or_let_go(event, bank)
+    assert (told.alike == ("coupling_loss",) and told.probability == 0.5) if shared else told is event
 
 
 # --- an inertia that no slow log tells -------------------------------------------------------------
