@@ -43,6 +43,8 @@ class BankSettings:
     # The same for the current of a servo that nobody knows [A]: what a start changes in a sample is 10 mA.
     free_current: float = 0.4
     wander: dict[str, float] = field(default_factory=lambda: {"A": 0.002})
+    # Share of that growth which moves the motor within its own interval: all of it in slow logs, whose intervals are long.
+    meanwhile: float = 0.0
     # Timing of a sampled servo, as a share of the sample-to-sample change of a channel.
     timing: float = 0.1
     # Speed lost or won in a sample that parameters outside the state (gains, supply, winding) put in doubt, as a share.
@@ -125,7 +127,7 @@ def load_settings(path: str | Path | None) -> Settings:
 
 
 # Shares and probabilities; every other number may be of any size from 0 on.
-AT_MOST_ONE = ("mended", "between_rate", "rare", "repeat_weight", "noisy_weight", "isolated")
+AT_MOST_ONE = ("mended", "between_rate", "rare", "repeat_weight", "noisy_weight", "isolated", "meanwhile")
 
 
 def _changed(group: Any, name: str, values: Any) -> Any:

@@ -266,8 +266,9 @@ def run(b, tune, state, scr, feed, out, visits):
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
             extended.predict(
-                b, tune, r, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
-            )
+                b, tune, r, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k],
+                tr.changed(feed.z, k, state.z, tune.meanwhile),
+            )  # fmt: skip
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)
         if any_of_rare(lost):
@@ -292,8 +293,9 @@ def run_unscented(b, tune, state, scr, feed, out, visits):
         from_x, from_P = (r.to_x, r.to_P) if mixing else (r.x, r.P)
         if not first:
             unscented.predict(
-                b, tune, r, u, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k]
-            )
+                b, tune, r, u, from_x, from_P, dt, feed.t[k], feed.interval, k, feed.w_cmd[k], feed.theta[k],
+                tr.changed(feed.z, k, state.z, tune.meanwhile),
+            )  # fmt: skip
             _grow_biases(tune, r, dt)
         lost = _lost(b, r)
         if any_of_rare(lost):

@@ -7,7 +7,7 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
-from observer_fi.bank.motion_moments import P_times_h, onto, through, without
+from observer_fi.bank.motion_moments import P_times_h, meanwhile, onto, through, without
 from observer_fi.numerics import any_of_rare, inlined, log, where_above, zeros_like
 from observer_fi.physics import VMAX, linear, plant
 from observer_fi.physics import equations as a
@@ -137,8 +137,10 @@ def _indented(b, r, t, p, from_P, changes):
 
 
 @inlined
-def predict(b, tune, r, from_x, from_P, dt, now, interval, row, last, theta):
+def predict(b, tune, r, from_x, from_P, dt, now, interval, row, last, theta, seen):
     """Means and covariances a sample later, from from_x, from_P to r.x, r.P, which may be the same; r.slow in place.
+
+    seen: what current and voltage changed meanwhile (`transition.changed`).
 
     Returns the covariances of w, I, x after the step with those before; with the constants they are in r.T, rows 0 to 2.
     """
@@ -158,10 +160,13 @@ def predict(b, tune, r, from_x, from_P, dt, now, interval, row, last, theta):
         for k in range(3, b.n):
             if k != b.at[tr.AT_D]:
                 r.P[0, k], r.P[1, k], r.P[2, k] = r.T[0, k], r.T[1, k], r.T[2, k]
-    change = change * change
-    grown = p[0] + (r.diffusion[0] * dt + tune.agility * tune.agility * change)
+    change, moves = change * change, where_above(rests, 0.0, 0.0, tune.meanwhile)
+    growth = r.diffusion[0] * dt + tune.agility * tune.agility * change
+    of_I = tr.grown_current(r.diffusion[1] * dt, seen, b.noise[1], r.parameters)
+    p = meanwhile(p, moves * growth, moves * of_I, by_I, x_by_w, dt)
+    grown = p[0] + growth
     r.P[0, 0], r.P[0, 1], r.P[0, 2] = where_above(rests, 0.0, tr.held_variance(last), grown), p[1], p[2]
-    r.P[1, 1] = p[3] + (r.diffusion[1] * dt + tune.tick * tune.tick * change)
+    r.P[1, 1] = p[3] + (of_I + tune.tick * tune.tick * change)
     r.P[1, 2], r.P[2, 2] = p[4], p[5] + (r.diffusion[2] * dt + doubt)
     return t
 

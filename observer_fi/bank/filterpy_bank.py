@@ -27,6 +27,7 @@ from observer_fi.bank.first_state import first_readings, held_at_first, start
 from observer_fi.bank.hypotheses import BankArrays, Hypothesis, arrays, bank
 from observer_fi.bank.imm import NEGLIGIBLE, UNREACHED
 from observer_fi.bank.log_feed import CommandStream, LogStream
+from observer_fi.bank.motion_moments import meanwhile
 from observer_fi.bank.packing import SKIPPED_S, Tuning, tuning
 from observer_fi.physics import VMAX, Rig, equations, linear, plant
 from observer_fi.records import Array, Estimate, Log
@@ -39,7 +40,8 @@ class Step(NamedTuple):
     """The `u` of predict: one sample interval and what is known at its end.
 
     dt: length [s], NaN before the first sample; interval (1, 2 m): command at the half-steps [rad/s]; w_cmd: command at
-    the end [rad/s]; theta: pitch [deg]; active: whether the sample at its end counts as evidence; now: time at the end [s].
+    the end [rad/s]; theta: pitch [deg]; active: whether the sample at its end counts as evidence; now: time at the end [s];
+    seen: what current and voltage changed meanwhile (`transition.changed`).
     """
 
     dt: float
@@ -48,6 +50,7 @@ class Step(NamedTuple):
     theta: float
     active: bool = True
     now: float = 0.0
+    seen: tuple[float, float] = (np.inf, np.inf)
 
 
 class Observer:
@@ -79,6 +82,7 @@ class Observer:
         self.step = Step(np.nan, np.zeros((1, 2)), 0.0, 0.0)
         self.sigma = np.sqrt(b.noise)
         self._p = b.parameters[0].copy()
+        self.before = np.zeros((2, self.n))  # slopes
 
     def predict(self, u: Step) -> None:
         """State at the end of `u`; before the first sample there is nothing to predict, and u is only remembered."""
@@ -125,6 +129,30 @@ class Observer:
             self.x[2] = self.previous[2]
         self.slow[:] = tr.slow_at_rest(self.base)
         self.bias[:] = 0.0, self.b.noise[self.failed] if self.failed >= 0 else 0.0
+
+    def _grown_current(self, u: Step) -> float:
+        """Variance that I gains in a step."""
+        growth = self.b.diffusion[0, 1] * u.dt
+        return float(tr.grown_current(growth, u.seen, self.b.noise[1], self.base))
+
+    def _meanwhile(self, of_w: float, of_I: float, g: Array, dt: float) -> Array:
+        """(3, 3) what w and I, which grew by variances of_w and of_I in a step, did to w, I, x meanwhile. g: slopes."""
+        share = self.tune.meanwhile
+        p = meanwhile((0.0,) * 6, share * of_w, share * of_I, g[0, 1], g[1, 0], dt)
+        return np.array([[p[0], p[1], p[2]], [p[1], p[3], p[4]], [p[2], p[4], p[5]]])
+
+    def _slopes(self, u: Step) -> Array:
+        """Slopes of dw/dt and dx/dt by the state, (2, n), while sliding; those of dI/dt are -1 for w."""
+        x, g, p = self.x, np.zeros((2, self.n)), self._p
+        tr.load_parameters(x, self.at, self.has, self.base, p)
+        d, torque = (tr.state_or(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
+        c = tr.carried_in(self.slow)
+        m = plant.Motion(x[0], x[1], x[2], d, c.inner)
+        g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(
+            m, c.slow, u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
+        )
+        tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
+        return g
 
     def _advance(self, u: Step) -> None:
         raise NotImplementedError
@@ -241,22 +269,12 @@ class Ekf(Observer, ExtendedKalmanFilter):
         slopes[1] *= self.grip
         self.F = self._transition(slopes, u.dt)
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
+        self.Q[1, 1] = self._grown_current(u)
         self.Q[0, 0] += (self.tune.agility * (self.x[0] - before)) ** 2
+        moves = 0.0 if self.resting else 1.0
+        self.Q[:3, :3] += self._meanwhile(moves * self.Q[0, 0], moves * self.Q[1, 1], slopes, u.dt)
         self.Q[1, 1] += (self.tune.tick * (self.x[0] - before)) ** 2
         self.Q[2, 2] += self.in_play
-
-    def _slopes(self, u: Step) -> Array:
-        """Slopes of dw/dt and dx/dt by the state, (2, n), while sliding; those of dI/dt are -1 for w."""
-        x, g, p = self.x, np.zeros((2, self.n)), self._p
-        tr.load_parameters(x, self.at, self.has, self.base, p)
-        d, torque = (tr.state_or(x, self.at, self.has, kind, 0.0) for kind in (tr.AT_D, tr.AT_TORQUE))
-        c = tr.carried_in(self.slow)
-        m = plant.Motion(x[0], x[1], x[2], d, c.inner)
-        g[0, 0], g[0, 1], g[0, 2], g[1, 0], *rest = linear.motion_slopes(
-            m, c.slow, u.interval[0, 0], u.theta, plant.Free(torque, 0.0 * torque), p
-        )
-        tr.constant_slopes(x, self.at, self.has, x[0], d, *rest, u.theta, p, self.base, g)
-        return g
 
     def _transition(self, g: Array, dt: float) -> Array:
         """F (n, n) for a step of dt [s], I + G dt + (G dt)^2 / 2 for w, I, x. A motor that rests forgets its speed.
@@ -326,7 +344,12 @@ class Ukf(Observer, UnscentedKalmanFilter):
     def _moments(self, points: Array, Wm: Array, Wc: Array, Q: Array, *_: object) -> tuple[Array, Array]:
         """filterpy's transform of the moved points, and the doubt in a change of speed; at rest as in the EKF."""
         x, P = unscented_transform(points, Wm, Wc, Q)
-        P[0, 0] += (self.tune.agility * (x[0] - self.x[0])) ** 2
+        of_change = (self.tune.agility * (x[0] - self.x[0])) ** 2
+        P[0, 0] += of_change
+        moves = 1.0 if points[:, 0].any() else 0.0
+        P[:3, :3] += self._meanwhile(
+            moves * (Q[0, 0] + of_change), moves * Q[1, 1], self.before, self.step.dt
+        )
         P[1, 1] += (self.tune.tick * (x[0] - self.x[0])) ** 2
         P[2, 2] += self.in_play
         if not points[:, 0].any():
@@ -345,6 +368,8 @@ class Ukf(Observer, UnscentedKalmanFilter):
 
     def _advance(self, u: Step) -> None:
         self.Q = np.diag(self.b.diffusion[0, : self.n] * u.dt)
+        self.Q[1, 1] = self._grown_current(u)
+        self.before = self._slopes(u)
         _, after, _ = self._mean_moved(u)
         UnscentedKalmanFilter.predict(self, u.dt, UT=self._moments)
         self.slow = after
@@ -508,7 +533,8 @@ class FilterpyBank:
             with np.errstate(
                 over="ignore", invalid="ignore"
             ):  # a hypothesis whose numbers overflow starts anew
-                imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k], log.t[k]))
+                grew = tr.changed(log.z, k, self.filters[0].previous, self.settings.meanwhile)
+                imm.predict(Step(dt, interval[k : k + 1], w_cmd[k], log.pitch[k], active[k], log.t[k], grew))
                 imm.update(log.z[k])
             self.t = log.t[k]
             mu[k] = imm.mu

@@ -47,3 +47,18 @@ def without(p, w, per_S):
         p[0] - (w[0] * w[0]) * per_S, p[1] - (w[0] * w[1]) * per_S, p[2] - (w[0] * w[2]) * per_S,
         p[3] - (w[1] * w[1]) * per_S, p[4] - (w[1] * w[2]) * per_S, p[5] - (w[2] * w[2]) * per_S,
     )  # fmt: skip
+
+
+@inlined
+def meanwhile(p, of_w, of_I, by_I, x_by_w, dt):
+    """Covariance p of w, I, x with what w and I, which grew by variances of_w, of_I in a step of dt, did meanwhile.
+
+    by_I: dw/dt by I, x_by_w: dx/dt by w. The growth is even in time: 1/2, 1/3, 1/6, 1/8, 1/20 are integrals of Wiener processes.
+    """
+    D, u = x_by_w * dt, by_I * dt
+    v = u * D
+    p00, p01, p02, p11, p12, p22 = p
+    return (
+        p00 + of_I * u * u * (1.0 / 3.0), p01 + of_I * u * 0.5, p02 + of_w * D * 0.5 + of_I * u * v * 0.125,
+        p11, p12 + of_I * v * (1.0 / 6.0), p22 + of_w * D * D * (1.0 / 3.0) + of_I * v * v * 0.05,
+    )  # fmt: skip

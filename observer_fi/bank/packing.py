@@ -132,6 +132,7 @@ class Tuning(NamedTuple):
     timing: float
     agility: float
     tick: float
+    meanwhile: float
     bias_entry: float
     bias_diffusion: float
     failed: Array
@@ -152,6 +153,7 @@ def tuning(settings: BankSettings) -> Tuning:
         settings.timing,
         settings.agility,
         settings.tick_s,
+        settings.meanwhile,
         settings.bias_entry,
         settings.bias_diffusion,
         failed,

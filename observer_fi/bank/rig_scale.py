@@ -100,13 +100,18 @@ def _wandering(settings: BankSettings, friction: float) -> dict[str, float]:
 
 
 PAPERS_HZ = 1600.0  # samples a second of the paper, for which the settings' agility was found
+# Below so many an unknown servo does more in an interval than lets the filters foretell a reading: in steady motion they are wide
+# beside a reading that stands, which is no news of its sensor.
+SLOW_HZ = 225.0
 
 
 def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSettings:
     """Settings for a rig and a log of so many samples a second: with the errors of its equations that healthy logs have shown;
-    what an unknown servo does between two samples puts its speed in doubt.
+    what an unknown servo does between two samples puts its speed in doubt, and of slow ones no repeated reading counts.
     """
     settings = with_errors(settings, rig) if rig.errors else settings
     if rig.watched.servo or rate_hz >= PAPERS_HZ:
         return settings
-    return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)
+    if rate_hz > SLOW_HZ:
+        return replace(settings, agility=settings.agility * PAPERS_HZ / rate_hz)
+    return replace(settings, repeat_weight=0.0, meanwhile=1.0)

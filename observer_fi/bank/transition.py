@@ -216,6 +216,30 @@ def propagate(x, at, has, slow, t, now, interval, row, last, theta, p):
 
 
 @inlined
+def changed(z, row, previous, meanwhile):
+    """Squares of what current [A] and voltage [V] changed from the readings `previous` (3,) to row `row` of z (n, 3).
+
+    That of a voltage that is missing is 0, that of a current, or where nobody asks (meanwhile 0), infinite.
+    """
+    di, dV = z[row, 1] - previous[1], z[row, 0] - previous[0]
+    if not meanwhile > 0.0 or di != di:
+        return math.inf, math.inf
+    return di * di, dV * dV if dV == dV else 0.0
+
+
+@inlined
+def grown_current(growth, seen, noise, p):
+    """Variance that I gains in a step of an unknown servo: `growth`, and no more than what readings saw it change.
+
+    seen: of `changed`; noise: variance of the current's readings [A^2]. A motor that turns steadily is driven steadily, and its
+    start may be anything: one diffusion for both would leave the steady motion without a word.
+    """
+    of_V = seen[1] / (p[a.RM] * p[a.RM])
+    most = (where_above(of_V, seen[0], of_V, seen[0]) + noise) / (p[a.KI] * p[a.KI]) + LEAST * growth
+    return where_above(growth, most, most, growth)
+
+
+@inlined
 def _set_slope(g, row, at, has, kind, slope):
     g[row, at[kind]] = where_above(has[kind], 0.5, slope, g[row, at[kind]])
 
@@ -310,6 +334,7 @@ def _delayed(cells, first, change, now, t, delay):
     return total
 
 
+LEAST = 0.01  # of the growth, whatever was seen: beside a stiff obstacle, less left the filters sure of what they had wrong
 LOG_2PI = math.log(2.0 * math.pi)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from observer_fi.bank import transition as tr
 from observer_fi.bank.channel_update import doubted, gate, of_failed
+from observer_fi.bank.motion_moments import meanwhile
 from observer_fi.numerics import inlined, log, maximum, side_by_side, sqrt, where_above, zeros_like
-from observer_fi.physics import VMAX
+from observer_fi.physics import VMAX, linear, plant
 from observer_fi.records import Array
 
 # Sigma points at sqrt(n) standard deviations: with alpha = 1 and kappa = 0 no weight is negative, so that a covariance
@@ -110,9 +111,23 @@ def _move(b, r, x, c, dt, now, interval, row, last, theta):
 
 
 @inlined
-def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
+def _driven(b, r, x, w_cmd, theta):
+    """Slopes of dw/dt by I and of dx/dt by w at the mean x (n,), while sliding."""
+    p = r.p
+    if b.n > 3:
+        tr.load_parameters(x, b.at, r.has, r.parameters, p)
+    d, torque = tr.state_or(x, b.at, r.has, tr.AT_D, 0.0), tr.state_or(x, b.at, r.has, tr.AT_TORQUE, 0.0)
+    c, free = tr.carried_in(r.slow), plant.Free(torque, zeros_like(torque))
+    m = plant.Motion(x[0], x[1], x[2], d, c.inner)
+    _, by_I, _, x_by_w, _, _, _, _ = linear.motion_slopes(m, c.slow, w_cmd, theta, free, p)
+    return by_I, x_by_w
+
+
+@inlined
+def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta, seen):
     """Means and covariances a sample later, from from_x, from_P to r.x, r.P; r.slow in place, after the centre."""
     n, before = b.n, from_x[0]
+    by_I, x_by_w = _driven(b, r, from_x, interval[row, 0], theta)
     _sigma_points(b, r, u, from_x, from_P)
     I, x, c, moving = from_x[1], from_x[2], tr.carried_in(r.slow), zeros_like(before)
     after = c
@@ -141,11 +156,16 @@ def predict(b, tune, r, u, from_x, from_P, dt, now, interval, row, last, theta):
                 )
                 total = total + (weight * r.holds[s]) * both
             r.P[k, q] = total
-        r.P[k, k] = r.P[k, k] + r.diffusion[k] * dt
+        growth = r.diffusion[k] * dt
+        r.P[k, k] = r.P[k, k] + (growth if k != 1 else zeros_like(growth))
     change = (r.x[0] - before) * (r.x[0] - before)
-    r.P[0, 0] = where_above(moving, 0.0, r.P[0, 0] + tune.agility * tune.agility * change, tr.REST_VARIANCE)
-    r.P[1, 1] = r.P[1, 1] + tune.tick * tune.tick * change
-    r.P[2, 2] = r.P[2, 2] + tr.play_doubt(c.high - c.low, after.high - after.low)
+    of_change, moves = tune.agility * tune.agility * change, where_above(moving, 0.0, tune.meanwhile, 0.0)
+    of_I = tr.grown_current(r.diffusion[1] * dt, seen, b.noise[1], r.parameters)
+    p = r.P[0, 0], r.P[0, 1], r.P[0, 2], r.P[1, 1], r.P[1, 2], r.P[2, 2]
+    p = meanwhile(p, moves * (r.diffusion[0] * dt + of_change), moves * of_I, by_I, x_by_w, dt)
+    r.P[0, 0], r.P[0, 1], r.P[0, 2] = where_above(moving, 0.0, p[0] + of_change, tr.REST_VARIANCE), p[1], p[2]
+    r.P[1, 1], r.P[1, 2] = p[3] + (of_I + tune.tick * tune.tick * change), p[4]
+    r.P[2, 2] = p[5] + tr.play_doubt(c.high - c.low, after.high - after.low)
 
 
 @inlined

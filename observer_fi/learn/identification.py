@@ -151,13 +151,21 @@ def _servo_fit(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
     """The fit of a rig that its servo drives, whatever is known of that."""
     if needs_start(rig):
         begun = with_start(logs, rig)
-        fit = _identify_servo(logs, begun, filters)
-        if not (
+        fit = _identify_begun(logs, begun, filters)
+        if fit is None or not (
             _is_of(fit, rig, ANOTHER) and _is_of(fit, begun, BESIDE)
         ):  # a servo that was begun too far off, or is another
             fit = identify_driven(logs, replace(rig, drive="voltage"))
         return _with_commanded(fit, begun, rig)
     return _identify_servo(logs, rig, filters)
+
+
+def _identify_begun(logs: Sequence[Log], begun: Rig, filters: bool) -> Fit | None:
+    """The fit of a servo from where its logs let it begin; None where that ran away until its numbers were none."""
+    try:
+        return _identify_servo(logs, begun, filters)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _is_of(fit: Fit, rig: Rig, most: float) -> bool:

@@ -39,6 +39,7 @@ Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
 FEWEST_SMOOTH = 4  # samples of a curve
+STEP = 0.1  # of a standard error: a whole one of an inertia that slow logs hardly tell is no small one
 _MANY = 4  # windows per unknown from which on their scatter is a standard error
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -180,7 +181,7 @@ def _from_voltage(
     covariance = np.zeros((at.size, at.size))
     covariance[:-1, :-1] = s.covariance
     covariance[-1, -1] = Km_std**2
-    slope = _slopes(values, at, np.sqrt(np.diag(covariance)))
+    slope = _slopes(values, at, STEP * np.sqrt(np.diag(covariance)))
     return ("Rm", "Km", *names), values(at), slope @ covariance @ slope.T, s
 
 
@@ -226,7 +227,7 @@ def _with_maker(s: Solution, rig: Rig) -> Solution:
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:
-    """Jacobian by central differences of one standard error."""
+    """Jacobian by central differences of `step`."""
     moved = [np.diag(step)[k] for k in range(at.size)]
     return np.column_stack(
         [(function(at + m) - function(at - m)) / (2.0 * h) for m, h in zip(moved, step, strict=True)]

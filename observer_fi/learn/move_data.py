@@ -31,6 +31,7 @@ TAIL_S = (
 FINE_S = (
     0.06  # after a corner of the command two integration steps a sample: saturation begins and ends there
 )
+REST_ROWS = 5  # of the same at least: a slow logger has that many in a fifth of a second
 _COARSE_S = 1.5e-3  # between samples: more is not integrated in one step where a motor sticks and slips
 SMOOTH_HZ = 2000.0  # knots a second of a command that is smooth between its samples
 _UNKNOWN_PLAY = 1e-3  # m: nobody knows on which side the play is when a log begins
@@ -282,7 +283,7 @@ def _part(
     doubt: their noise, and the jitter of their times [s], (3,) each.
     """
     segment = segments[m]
-    rest = max(segment.rest, segment.start - round(REST_S / dt), 0)
+    rest = max(segment.rest, segment.start - max(round(REST_S / dt), REST_ROWS), 0)
     end = min(segment.end, segment.stop + round(TAIL_S / dt), log.t.size)
     still = log.z[rest : segment.start]
     if segment.start - rest < 4 or np.isnan(still[:, 1:]).all(axis=0).any():

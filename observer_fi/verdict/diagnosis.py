@@ -49,16 +49,17 @@ from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.logger.left_out import left_out, may_be_a_channel, of_the_rest, without
 from observer_fi.verdict.moves.another_gain import or_another_gain
+from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
-from observer_fi.verdict.moves.unloaded import or_frozen, without_voltage
+from observer_fi.verdict.moves.unloaded import or_frozen, or_let_go, without_voltage
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
-from observer_fi.verdict.testable import Testable, untested
+from observer_fi.verdict.testable import SURE_HZ, Testable, or_an_obstacle, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, wrong_rig
 
 ONSETS_AGREE_S = 0.02
@@ -386,7 +387,7 @@ class Diagnosis:
 
     def _of_the_day(self, event: Event) -> Event:
         """The event, healthy where its friction was up by no more than from one day to the next, and that explains little."""
-        event = or_none(event)
+        event = or_the_resistance(or_none(event), self.memory, self.rig)
         story = self.last_word.explained.get(event.start_s)
         much = story is not None and story.gain >= FAR * self.settings.decision.move_nats
         return event if much else of_the_day(event, self.rig)
@@ -414,6 +415,9 @@ class Diagnosis:
         ):  # a known servo tells its motor
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
+        finished = [or_an_obstacle(e, self.rate, self.rig) for e in finished]
+        if self.rate < SURE_HZ and not self.rig.watched.servo:
+            finished = [or_let_go(e, self.memory) for e in finished]
         isolated = list(map(isolated_again, finished, found.events))
         if self.detected_at is None:  # which may be anywhere in a move
             isolated[:1] = map(or_never_fitted, isolated[:1])

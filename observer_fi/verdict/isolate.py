@@ -30,6 +30,7 @@ LEAST = 40  # samples of a mean: of a right hypothesis that of fewer is often be
 STARTING = (
     4  # samples of a move: when between two of them it began, and so what is there at first, nobody knows
 )
+SHOWN_AT_REST = "the stop and the rest after the move show it"
 AT_START_S = 0.02  # of a move: a fault may have been there before it
 
 
@@ -353,7 +354,7 @@ class EventTracker:
         best = self._of_a_rest(sensors)
         if 0.5 * (self.rest_nis[j] - self.rest_nis[best]) < self.settings.rest_evidence:
             return j, run, p
-        reasons.append("the stop and the rest after the move show it")
+        reasons.append(SHOWN_AT_REST)
         worse = 0.5 * (self.rest_nis - self.rest_nis[best])
         alike = [k for k in self._faults() if worse[k] < self.settings.move_nats]
         p = self._given(best, self.settings.isolated)

@@ -6,7 +6,7 @@ import numpy as np
 
 from observer_fi.bank import log_feed
 from observer_fi.numerics import count_in_rows, digits
-from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNLEARNED, Rig, words_of
+from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNKNOWN, UNLEARNED, Rig, words_of
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
 
@@ -24,6 +24,9 @@ SURE_HZ = 75.0
 # samples/s still below 0.3 for a move of a third of a second.
 ROUGHEST = 1.0
 LEARNED_FIRST = ("J", "A")  # what any healthy move tells
+# What one of a slow logger tells, too: its starts are too short for the inertia, and the errors that were learned with that of
+# the data sheet hold what it is off.
+FRICTION = ("A",)
 FEWEST_QUIET = 2  # channels that repeat themselves together: one could be frozen
 
 
@@ -66,13 +69,30 @@ def never_learned(rig: Rig, label: str) -> str:
 
     Of six healthy moves of drawn actuators, with the rig files of their data sheets, four looked like a fault.
     """
-    guessed = [n for n in LEARNED_FIRST if n in rig.quantities and rig.quantities[n].method in UNLEARNED]
+    first = FRICTION if rig.errors else LEARNED_FIRST
+    guessed = [n for n in first if n in rig.quantities and rig.quantities[n].method in UNLEARNED]
     if not guessed:
         return ""
     return (
         f"{' and '.join(guessed)} of the rig file are from data sheets or guessed, and with them the log looks like "
         f"{words_of(label) if label in FAULTS and not FAULTS[label].by_channel else 'a sensor fault'}: learn the rig from "
         "healthy moves first (observer-fi identify)"
+    )
+
+
+def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
+    """A fault without a name or, as likely, an obstacle, in a log of an unknown servo too slow to show how one is met."""
+    told = event.label != UNKNOWN or event.probability <= 0.5 or event.severity
+    if told or rig.watched.servo or rate_hz >= SURE_HZ:
+        return event
+    why = (
+        f"at {digits(rate_hz)} samples/s (of {SURE_HZ:.0f}) an obstacle that stops the motor between two of them looks like "
+        "no fault with a name"
+    )
+    posterior = dict.fromkeys(event.posterior, 0.0) | {UNKNOWN: 0.5, "overload": 0.5}
+    alike = tuple(dict.fromkeys((*event.alike, "overload")))
+    return event._replace(
+        probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, why)
     )
 
 

@@ -1,6 +1,7 @@
 """The bank on filterpy: equal to the compiled one, and one test for each trap of filterpy that fails without its cure."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import transition as tr
 from observer_fi.bank.filterpy_bank import Ekf, FilterpyBank, LogIMM, Observer, Step, Ukf
 from observer_fi.bank.hypotheses import Hypothesis, arrays, bank
+from observer_fi.bank.rig_scale import between_samples
 from observer_fi.bank.ukf import factor
 from observer_fi.logs.ingest import log_from_frame, read_log
 from observer_fi.physics import rigs as models
@@ -87,6 +89,22 @@ def test_both_engines_say_the_same(seed: int, label: str, rate_hz: float, kind: 
         np.testing.assert_allclose(
             getattr(ours, name), getattr(compiled, name), rtol=1e-7, atol=1e-7, err_msg=name
         )
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("voltage", [True, False])
+def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltage: bool, kind: str) -> None:
+    """Through its start and a lost coupling, at 50 samples a second."""
+    rig = replace(RIG, drive="voltage" if voltage else "current")
+    settings = between_samples(BankSettings(), rig, 50.0)
+    log = cut(move(4, "coupling_loss", 50.0), 0.0, onset(4, "coupling_loss") + 0.2)
+    if not voltage:
+        log = replace(log, z=np.where([True, False, False], np.nan, log.z))
+    ours = FilterpyBank(rig, settings, filter_kind=kind).advance(log)
+    compiled = kernels.Bank(rig, settings, filter_kind=kind).advance(log)
+    assert settings.meanwhile == 1.0 and settings.repeat_weight == 0.0
+    np.testing.assert_allclose(ours.probability, compiled.probability, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(ours.density, compiled.density, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from observer_fi.bank import transition as tr
 from observer_fi.bank.filterpy_bank import Ekf, Step
 from observer_fi.bank.hypotheses import BankArrays, arrays, bank
+from observer_fi.bank.motion_moments import meanwhile
 from observer_fi.physics import equations as a
 from observer_fi.physics.rigs import Rig, load_rig, with_values
 from observer_fi.settings import BankSettings
@@ -341,3 +342,33 @@ def test_a_bias_is_learned_and_a_burst_of_noise_is_not() -> None:
 def test_a_repeated_reading_speaks_for_a_frozen_converter() -> None:
     assert failed(5.0, 5.0)[0] - failed(5.0, 4.0)[0] > 2.0
     assert np.isfinite(failed(5.0, np.inf)[0])
+
+
+# --- what drives an unknown servo within an interval ------------------------------------------------
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.04])
+def test_what_grows_within_an_interval_moves_the_motor_as_small_steps_say(dt: float) -> None:
+    """Against 1000 steps of the covariance of w, I, x, with noise on w and I."""
+    by_I, x_by_w, of_w, of_I, n = 300.0, 1e-4, 4.0, 2e-3, 1000
+    F = np.eye(3) + dt / n * np.array([[0.0, by_I, 0.0], [0.0, 0.0, 0.0], [x_by_w, 0.0, 0.0]])
+    P = np.zeros((3, 3))
+    for _ in range(n):
+        P = F @ P @ F.T + np.diag([of_w, of_I, 0.0]) / n
+    p = meanwhile((of_w, 0.0, 0.0, of_I, 0.0, 0.0), of_w, of_I, by_I, x_by_w, dt)
+    found = np.array([[p[0], p[1], p[2]], [p[1], p[3], p[4]], [p[2], p[4], p[5]]])
+    np.testing.assert_allclose(found, P, rtol=5e-3, atol=1e-12 * P.max())
+
+
+def test_a_current_grows_no_more_than_it_was_seen_to() -> None:
+    p, growth, noise = ARRAYS.parameters[0], 1e-2, 1e-8
+    z = np.array([[10.0, 1.0, 0.0]])
+    nothing = tr.changed(z, 0, z[0], 0.0), tr.changed(z, 0, np.full(3, np.nan), 1.0)
+    assert nothing == ((np.inf, np.inf),) * 2
+    assert tr.grown_current(growth, nothing[0], noise, p) == growth
+    still = tr.grown_current(growth, tr.changed(z, 0, z[0], 1.0), noise, p)
+    assert still == pytest.approx(noise / p[a.KI] ** 2 + tr.LEAST * growth)
+    alone = tr.changed(z, 0, np.array([np.nan, 0.9, 0.0]), 1.0)
+    assert alone == pytest.approx((0.01, 0.0))
+    jumped = tr.grown_current(growth, tr.changed(z, 0, np.array([0.0, 1.0, 0.0]), 1.0), noise, p)
+    assert still < jumped <= growth

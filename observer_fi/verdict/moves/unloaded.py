@@ -48,6 +48,9 @@ NOTHING, READS, GOES_ON = 5.0, 10.0, 0.5
 _SAME_CURRENT = (
     "the current stayed as it was when the position stopped: the motor feels what it felt with its load"
 )
+_BETWEEN = (
+    "the position stopped between two samples that are far apart: its sensor failed, or the mass was let go"
+)
 _READS_NOTHING = (
     "the current reads nothing while the mass goes on for longer than a motor without current would turn"
 )
@@ -142,6 +145,24 @@ def or_frozen(event: Event, bank: Bank) -> Event:
     posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "sensor_fault"), 0.5)
     return event._replace(
         probability=0.5, posterior=posterior, alike=("sensor_fault",), reasons=(_SAME_CURRENT,)
+    )
+
+
+def or_let_go(event: Event, bank: Bank) -> Event:
+    """A position sensor that fails in a slow log or, as likely, a mass that was let go between two samples.
+
+    Not where the position goes on, nor where the steady current is seen to stay what it was.
+    """
+    if (event.label, event.channel) != ("sensor_fault", "position") or "coupling_loss" in event.alike:
+        return event
+    seen = _around(event, bank)
+    same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
+    if same or seen.stands is False:
+        return event
+    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "coupling_loss"), 0.5)
+    alike = (*event.alike, "coupling_loss")
+    return event._replace(
+        probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, _BETWEEN)
     )
 
 
