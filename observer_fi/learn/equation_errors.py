@@ -14,8 +14,10 @@ from observer_fi.bank import Bank, bank, between_samples, usual_errors
 from observer_fi.logs import (
     Readings,
     acquisition_of,
+    inductance_of,
     unfiltered,
     with_command,
+    without_inductance,
     without_means,
     without_spikes,
 )
@@ -57,6 +59,7 @@ def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:
     """The begin of a log as filters may take it, and the rig as its logger shows it."""
     log = with_command(log, rig).part(slice(0, LONGEST))
     log = without_means(log)
+    log = without_inductance(log, inductance_of(rig, log.rate_hz), rig.file_noise_std)
     acquisition = acquisition_of(log, rig.file_noise_std)
     known = replace(rig, logger=acquisition)
     fresh = Readings(acquisition, log.rate_hz, known.noise_std).take(log)
@@ -103,8 +106,8 @@ def _peak(parts: Sequence[tuple[Log, Rig]], settings: BankSettings, errors: dict
     far = []
     for e in _estimates(parts, settings, errors):
         seen = np.abs(e.normalised[BEGIN:][e.active[BEGIN:]])
-        first = 0 if np.isfinite(seen[:, 0]).any() else 1
-        far.append(float(np.nanmax(seen[:, first], initial=0.0)))
+        first = np.where(np.isfinite(seen[:, 0]), seen[:, 0], seen[:, 1])
+        far.append(float(np.nanmax(first, initial=0.0)))
     return max(far)
 
 
