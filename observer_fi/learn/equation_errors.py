@@ -13,11 +13,11 @@ import numpy as np
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
 from observer_fi.logs import (
     Readings,
+    Uninductive,
     acquisition_of,
     inductance_of,
     unfiltered,
     with_command,
-    without_inductance,
     without_means,
     without_spikes,
 )
@@ -59,7 +59,8 @@ def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:
     """The begin of a log as filters may take it, and the rig as its logger shows it."""
     log = with_command(log, rig).part(slice(0, LONGEST))
     log = without_means(log)
-    log = without_inductance(log, inductance_of(rig, log.rate_hz), rig.file_noise_std)
+    L = inductance_of(rig, log.rate_hz)
+    log = Uninductive(L, rig.file_noise_std, 1.0 / log.rate_hz).take(log)
     acquisition = acquisition_of(log, rig.file_noise_std)
     known = replace(rig, logger=acquisition)
     fresh = Readings(acquisition, log.rate_hz, known.noise_std).take(log)

@@ -145,8 +145,8 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     winding = winding_of(logs, rig) if filters and not fit.filters else None
     if winding is None or winding.inductance is None:
         return fit
-    L, noise = winding.inductance.value, rig.file_noise_std
-    behind = _servo_fit([without_inductance(log, L, noise) for log in logs], rig, filters=False)
+    L = winding.inductance.value
+    behind = _servo_fit([without_inductance(log, L) for log in logs], rig, filters=False)
     return behind_inductance(behind, fit, winding)
 
 

@@ -128,8 +128,8 @@ def _inductance(s: Solution) -> Parameter | None:
 def _told(L: Parameter, Rm: float) -> str:
     return (
         f"the voltage runs ahead of the current as {digits(1e3 * L.value)} mH in the winding make it "
-        f"({digits(1e3 * L.value / Rm)} ms): the constants are those behind it, and the rig file has it, so that `diagnose` takes it "
-        "out of the voltage"
+        f"({digits(1e3 * L.value / Rm)} ms): the constants are those behind it, and the rig file has it, so that `diagnose` "
+        "takes it out of the voltage"
     )
 
 

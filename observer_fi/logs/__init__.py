@@ -43,16 +43,8 @@ from observer_fi.logs.logger.low_pass import (
     with_low_passes,
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
-from observer_fi.logs.logger.winding import (
-    Uninductive,
-    bends,
-    chance_of,
-    change_rate,
-    inductance_of,
-    rate_doubt,
-    without_inductance,
-)
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
+from observer_fi.logs.logger.winding import Uninductive, change_rate, inductance_of, without_inductance
 from observer_fi.logs.moves import (
     Excitation,
     Phase,
@@ -82,11 +74,8 @@ __all__ = [
     "Mean",
     "Uninductive",
     "Unmeant",
-    "bends",
-    "chance_of",
     "change_rate",
     "inductance_of",
-    "rate_doubt",
     "without_inductance",
     "means_of",
     "without_means",

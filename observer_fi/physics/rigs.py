@@ -119,8 +119,8 @@ class Rig:
 
     drive: one of `DRIVES`. noise: standard deviation of each channel, V, A, m. quantities: what the file gives, by
     name of parameter; everything else is neutral. logger: what a log has shown of the logger. errors: how far healthy logs have
-    shown the equations to be off, by `ERRORS` of `rig_file.py`; empty where none was learned from. inductance: of the winding [H],
-    which the equations leave out and readings are taken without; None where nobody knows of one.
+    shown the equations to be off, by `ERRORS` of `rig_file.py`; empty where none was learned from. inductance: of the winding
+    [H], which the equations leave out and readings are taken without; None where nobody knows of one.
     """
 
     name: str
@@ -307,7 +307,18 @@ def _rig_path(path: str | Path) -> Path:
     return packaged if not given.suffix and not given.exists() and packaged.exists() else given
 
 
-_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve", "acquisition", "errors", "inductance")
+_TOP = (
+    "name",
+    "description",
+    "drive",
+    "source",
+    "noise",
+    "parameters",
+    "curve",
+    "acquisition",
+    "errors",
+    "inductance",
+)
 _QUANTITY = ("value", "unit", "method", "source", "spread", "std")
 _NOISE = ("voltage", "current", "position")
 

@@ -33,20 +33,20 @@ def stride(rate_hz: float) -> int:
     return max(1, round(OVER_S * rate_hz))
 
 
-def bends(t: Array, y: Array, away: int) -> Array:
+def _bends(t: Array, y: Array, away: int) -> Array:
     """(n,) by how much y (n,) bends around each sample, as an error of its rate: a quarter of its fourth difference."""
     before, after = _beside(t.size, away)
     bend = y[after] - 2.0 * y + y[before]
     return np.asarray(0.25 * np.abs(bend[after] - 2.0 * bend + bend[before]) / (0.5 * (t[after] - t[before])))
 
 
-def rate_doubt(bent: Array, away: int) -> Array:
+def _rate_doubt(bent: Array, away: int) -> Array:
     """(n,) by how much a rate may be off, of its `bends`: a bend between samples shows in one of three."""
     before, after = _beside(bent.size, away)
     return np.asarray(np.maximum(np.maximum(bent[before], bent[after]), bent))
 
 
-def chance_of(bent: Array, noise_std: float, interval_s: float, away: int) -> float:
+def _chance_of(bent: Array, noise_std: float, interval_s: float, away: int) -> float:
     """Standard deviation of the `bends` of a current of which noise is all that there is. noise_std: of the rig file [A]."""
     known = bent[np.isfinite(bent)]
     seen = SIGMA_OF_MAD * float(np.median(known)) if known.size else 0.0
@@ -60,7 +60,12 @@ class Uninductive:
     """
 
     def __init__(self, inductance: float, noise_std: Array, interval_s: float, causal: bool = False) -> None:
-        self.inductance, self.noise_std, self.interval, self.causal = inductance, noise_std, interval_s, causal
+        self.inductance, self.noise_std, self.interval, self.causal = (
+            inductance,
+            noise_std,
+            interval_s,
+            causal,
+        )
         self.away = stride(1.0 / interval_s)
         self.before = np.empty((0, 2))  # time and current of the last samples
         self.chance: float | None = None
@@ -80,10 +85,10 @@ class Uninductive:
 
     def _central(self, t: Array, i: Array) -> tuple[Array, Array]:
         """(n,) rates of the current, and by how much each may be off; none is known of the last samples."""
-        bent = bends(t, i, self.away)
+        bent = _bends(t, i, self.away)
         if self.chance is None:
-            self.chance = chance_of(bent, float(self.noise_std[1]), self.interval, self.away)
-        rate, doubt = change_rate(t, i, self.away), rate_doubt(bent, self.away)
+            self.chance = _chance_of(bent, float(self.noise_std[1]), self.interval, self.away)
+        rate, doubt = change_rate(t, i, self.away), _rate_doubt(bent, self.away)
         rate[t.size - self.away :] = np.nan
         if self.before.size == 0:
             rate[: self.away] = 0.0  # at rest
@@ -97,7 +102,8 @@ class Uninductive:
         doubt = 0.5 * np.abs(rate - rate[last])
         if self.chance is None:
             self.chance = max(
-                SIGMA_OF_MAD * float(np.nanmedian(doubt)), float(self.noise_std[1]) / (self.away * self.interval)
+                SIGMA_OF_MAD * float(np.nanmedian(doubt)),
+                float(self.noise_std[1]) / (self.away * self.interval),
             )
         rate[self._beside_gaps(t)] = np.nan
         return rate, np.nan_to_num(doubt)
@@ -115,9 +121,11 @@ class Uninductive:
         return float(np.hypot(by_chance, NOTICED * self.noise_std[0]))
 
 
-def without_inductance(log: Log, inductance: float, noise_std: Array) -> Log:
-    """A whole log whose voltage is that of a winding without this inductance [H]."""
-    return Uninductive(inductance, noise_std, 1.0 / log.rate_hz).take(log)
+def without_inductance(log: Log, inductance: float) -> Log:
+    """A whole log whose voltage is that of a winding without this inductance [H], also where the current bends."""
+    z = log.z.copy()
+    z[:, 0] -= inductance * change_rate(log.t, z[:, 1], stride(log.rate_hz))
+    return replace(log, z=z)
 
 
 def inductance_of(rig: Rig, rate_hz: float) -> float:
@@ -125,7 +133,7 @@ def inductance_of(rig: Rig, rate_hz: float) -> float:
     if rig.inductance is None or not rig.driven.motor or rig.model["Rm"] <= 0.0:
         return 0.0
     L = rig.inductance.value
-    return L if L > MATTERS * rig.model["Rm"] / rate_hz else 0.0
+    return L if MATTERS * rig.model["Rm"] / rate_hz < L else 0.0
 
 
 def _beside(n: int, away: int) -> tuple[Array, Array]:

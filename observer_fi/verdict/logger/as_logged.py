@@ -34,6 +34,7 @@ from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
+from observer_fi.verdict.logger.winding import inductance_at_start
 from observer_fi.verdict.logger.zero_current import with_zero, zero_current
 from observer_fi.verdict.moves.of_the_day import LOOKED_AT, Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
@@ -64,6 +65,9 @@ class AsLogged:
             start = self._without_means(log, rig, settings, start)
         if any(channel.lines for channel in self.acquisition[:3]) and start is not None:
             log, start = self._without_lines(log, rig, settings, start)
+        if not self.inductance and start is not None and rig.driven.motor:
+            self.inductance = inductance_at_start(log, rig, settings, electrical_offset, start)
+            start = self._learn(log, rig, settings) if self.inductance else start
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
         if self.low_passes.any:
             self._learn(log, rig, settings)
