@@ -142,7 +142,7 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
         return identify_driven(logs, rig)
     logs = [on_its_clock(log, rig) for log in logs]
     fit = _servo_fit(logs, rig, filters)
-    winding = winding_of(logs, rig) if filters and not fit.filters else None
+    winding = winding_of(logs, rig) if filters else None
     if winding is None or winding.inductance is None:
         return fit
     L = winding.inductance.value

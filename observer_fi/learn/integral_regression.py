@@ -36,6 +36,7 @@ WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet di
 PITCH_SPAN = 2.0  # deg
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
+SEVERAL = 2.0  # samples of a time constant that tell where the motor begins to turn behind it
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
@@ -94,7 +95,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
-    if with_voltage and _inductance(s):
+    if with_voltage and _inductance(s) and s.x[-1] > SEVERAL * s.x[0] / logs[0].rate_hz:
         windows = [w for log in logs for w in windows_of(log, rig, float(s.x[-1]))] or windows
         names, values, covariance, s = _from_voltage(windows, rig)
     left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)

@@ -15,7 +15,9 @@ from observer_fi.logs import without_means
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log, Parameter
 
-BETTER = 0.8  # of the misfit of the current, which must be left
+# Of the misfit of the current, which must be left; or nats a sample that must be gained, on filters before the readings that may be
+# lost: a filter that is as good is the lag of a servo's current loop; or of the misfit of the speed, where no servo is known.
+BETTER, GAINED, LOST, HALF = 0.8, 0.05, 0.1, 0.5
 CHANGED = 0.5  # of what the inductance changed, as a standard deviation
 
 
@@ -32,12 +34,20 @@ def behind_inductance(behind: Fit, before: Fit, winding: Fit) -> Fit:
     """The fit `behind` the inductance, whose intervals hold what `before`, which took it for something else, had otherwise; the
     latter where the servo's current follows from it as well: then a logger, or something else, looks like a winding.
     """
-    left, had = (fit.rmse.get("current_a", np.inf) for fit in (behind, before))
-    if not left < BETTER * had:
+    if not _better(behind, before):
         return before
     values = {p.name: p.value for p in before.parameters}
     wider = tuple(_wider(p, CHANGED * abs(p.value - values.get(p.name, p.value))) for p in behind.parameters)
     return replace(behind, parameters=wider, warnings=winding.warnings, inductance=winding.inductance)
+
+
+def _better(behind: Fit, before: Fit) -> bool:
+    """Whether readings are explained better behind an inductance than by all else that looks like one."""
+    if "current_a" not in behind.rmse:
+        return behind.rmse["speed_rad_s"] < HALF * before.rmse["speed_rad_s"]
+    left, had = behind.rmse["current_a"], before.rmse.get("current_a", np.inf)
+    gained = before.nll_per_sample - behind.nll_per_sample
+    return gained > -LOST if before.filters else gained > GAINED or left < BETTER * had
 
 
 def _wider(p: Parameter, std: float) -> Parameter:
