@@ -15,7 +15,7 @@ from observer_fi.logs import without_means
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log, Parameter
 
-# Of the misfit of the current, which must be left; or nats a sample that must be gained, on filters before the readings that may be
+# Of the misfit of the current, which must be left; or nats a sample that must be gained, or on filters before the readings may be
 # lost: a filter that is as good is the lag of a servo's current loop; or of the misfit of the speed, where no servo is known.
 BETTER, GAINED, LOST, HALF = 0.8, 0.05, 0.1, 0.5
 CHANGED = 0.5  # of what the inductance changed, as a standard deviation

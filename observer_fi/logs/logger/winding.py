@@ -8,6 +8,7 @@ moment: the voltage is then missing.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.physics import Rig
 from observer_fi.records import Array, Log
@@ -19,6 +20,7 @@ FOURTH = 2.1  # a quarter of fourth differences of white noise, in its standard 
 SIGMA_OF_MAD = 1.4826  # of normal noise
 REACH = 3  # strides on either side, of which the doubt in a rate is made
 MATTERS = 0.02  # of an interval between samples: the current of a winding with a shorter time constant has settled long before
+STANDS = 16  # readings alike in motion, of a voltage that is taken as it is: it may be a sensor that got stuck
 GAP = 1.5  # intervals between two samples from which one is missing
 
 
@@ -68,6 +70,7 @@ class Uninductive:
         )
         self.away = stride(1.0 / interval_s)
         self.before = np.empty((0, 2))  # time and current of the last samples
+        self.voltage, self.same = np.nan, 0  # last reading, and how often it has been repeated
         self.chance: float | None = None
 
     def take(self, log: Log) -> Log:
@@ -80,6 +83,8 @@ class Uninductive:
         z = log.z.copy()
         z[:, 0] -= self.inductance * rate[own]
         z[self.inductance * doubt[own] > self._most(), 0] = np.nan
+        stands = self._stands(log.z[:, 0]) & (log.w_cmd != 0.0)
+        z[stands, 0] = log.z[stands, 0]
         self.before = known[-REACH * self.away - 1 :]
         return replace(log, z=z)
 
@@ -107,6 +112,15 @@ class Uninductive:
             )
         rate[self._beside_gaps(t)] = np.nan
         return rate, np.nan_to_num(doubt)
+
+    def _stands(self, voltage: Array) -> NDArray[np.bool_]:
+        """(n,) whether a reading has been repeated for long: a sensor that stands still must be seen to."""
+        changed = voltage != np.append(self.voltage, voltage[:-1])
+        at = np.arange(1, voltage.size + 1)
+        last = np.maximum.accumulate(np.where(changed, at, 0))
+        same = np.where(last > 0, at - last, at + self.same)
+        self.voltage, self.same = float(voltage[-1]), int(same[-1])
+        return np.asarray(same >= STANDS)
 
     def _beside_gaps(self, t: Array) -> Array:
         """(n,) whether samples are missing where the rate would be taken."""
