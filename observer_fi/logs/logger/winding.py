@@ -20,7 +20,9 @@ FOURTH = 2.1  # a quarter of fourth differences of white noise, in its standard 
 SIGMA_OF_MAD = 1.4826  # of normal noise
 REACH = 3  # strides on either side, of which the doubt in a rate is made
 MATTERS = 0.02  # of an interval between samples: the current of a winding with a shorter time constant has settled long before
-STANDS = 16  # readings alike in motion, of a voltage that is taken as it is: it may be a sensor that got stuck
+STANDS = (
+    16  # readings alike in motion, of a voltage that is taken as it is: it may be a sensor that got stuck
+)
 GAP = 1.5  # intervals between two samples from which one is missing
 
 

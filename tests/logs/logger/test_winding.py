@@ -90,3 +90,12 @@ def test_an_inductance_that_settles_long_before_the_next_sample_is_none() -> Non
     small, large = (replace(rig, inductance=Quantity(tau * rig.model["Rm"], "H")) for tau in (1e-6, 1e-3))
     assert inductance_of(small, RATE) == 0.0
     assert inductance_of(large, RATE) == large.inductance.value  # type: ignore[union-attr]
+
+
+def test_a_voltage_that_stands_still_in_motion_stays_as_it_is() -> None:
+    log = circuit(noise=1.0)
+    z = log.z.copy()
+    z[600:, 0] = z[600, 0]
+    taken = Uninductive(L, NOISE, 1.0 / RATE).take(replace(log, z=z)).z
+    assert (taken[620:, 0] == z[600, 0]).all()
+    assert (taken[550:600, 0] != z[550:600, 0]).any()
