@@ -73,8 +73,8 @@ def cautions(
         )
     if known.inductance:
         found.append(
-            f"voltage_v runs ahead of current_a as {with_unit(known.inductance, 'H')} in the winding make it: taken out of its "
-            "readings; those in which the current bends from one sample to the next count as missing"
+            f"voltage_v runs ahead of current_a as {with_unit(1e3 * known.inductance, 'mH')} in the winding make it: taken out "
+            "of its readings; those in which the current bends from one sample to the next count as missing"
         )
     found += _of_the_day(known.day)
     step = known.told.clock.resolution_s

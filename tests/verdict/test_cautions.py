@@ -161,4 +161,4 @@ def test_what_a_logger_hides_is_told_with_the_verdict(name: str, words: str) -> 
 
 
 def test_an_inductance_that_was_taken_out_is_told() -> None:
-    assert any("in the winding" in warning for warning in told(inductance=1.4e-3))
+    assert any("1.4 mH in the winding" in warning for warning in told(inductance=1.4e-3))
