@@ -105,8 +105,9 @@ class Uninductive:
     def _causal(self, t: Array, i: Array) -> tuple[Array, Array]:
         """The same of readings before each."""
         last = np.maximum(np.arange(t.size) - self.away, 0)
-        rate = (i - i[last]) / np.where(last < np.arange(t.size), t - t[last], np.inf)
-        doubt = 0.5 * np.abs(rate - rate[last])
+        past = (i - i[last]) / np.where(last < np.arange(t.size), t - t[last], np.inf)
+        rate = past + 0.5 * (past - past[last])  # that of half a stride ago, and how it changes
+        doubt = 0.5 * np.abs(past - 2.0 * past[last] + past[last][last])
         if self.chance is None:
             self.chance = max(
                 SIGMA_OF_MAD * float(np.nanmedian(doubt)),
