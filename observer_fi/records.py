@@ -282,6 +282,7 @@ class Fit:
     """A rig learned from logs: values, their correlation (k, k), what could not be identified and what to record.
 
     filters: that the logger has before its readings, as the logs show them. warnings: what the rig's equations leave out.
+    inductance: of the winding [H], where logs show one.
     """
 
     parameters: tuple[Parameter, ...]
@@ -292,6 +293,7 @@ class Fit:
     figures: dict[str, Any] = field(default_factory=dict)
     filters: tuple[Filter, ...] = ()
     warnings: tuple[str, ...] = ()
+    inductance: Parameter | None = None
 
 
 @dataclass(frozen=True)

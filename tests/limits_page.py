@@ -139,6 +139,12 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             f"readings that are more than {low_pass.LEFT:.0%} noise without it tell nothing; "
             "identify and improve look for one before voltage, current or both, of a rig with a servo",
         ),
+        (
+            "inductance of a winding",
+            "a time constant of half an interval between samples and more; of shorter ones `identify` tells none, and a start "
+            "may look like a voltage sensor",
+            "give the one of the data sheet (`rig new --inductance`), or log at 500 Hz and more",
+        ),
         ("line of a stream", f"{line_parser.LONGEST_LINE >> 10} KB", "longer: skipped, told"),
     ]
 

@@ -22,7 +22,7 @@ class Printed(NamedTuple):
 
 PRINTED = (
     Printed("resistance", "resistance", ("--resistance", "--terminal-resistance"), "of the winding, at the terminals"),
-    Printed("inductance", "inductance", ("--inductance",), "of the winding; read, and not used: current follows at once"),
+    Printed("inductance", "inductance", ("--inductance",), "of the winding, which is taken out of the voltage"),
     Printed("torque_constant", "torque_constant", ("--torque-constant",), "of the motor"),
     Printed("speed_constant", "speed_constant", ("--speed-constant",), "of the motor, in place of the torque constant"),
     Printed("back_emf", "back_emf", ("--back-emf",), "of the motor, in place of the torque constant"),
@@ -40,7 +40,6 @@ PRINTED = (
     Printed("friction_force", "force", ("--friction-force", "--friction"), "that the mass needs to keep moving, if known"),
     Printed("acceleration", "acceleration", ("--acceleration",), "commanded, of the motor, if known"),
 )  # fmt: skip
-UNUSED = ("inductance",)
 
 
 def rig_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,8 +99,7 @@ def _sheet(args: argparse.Namespace) -> "DataSheet":
         if text is None:
             continue
         value, note = value_of(text, one.kind, one.options[0])
-        if one.name not in UNUSED:
-            values[one.name] = value
+        values[one.name] = value
         notes += [note] if note else []
     name = args.name or (args.to.stem if args.to is not None else "rig")
     return DataSheet(name=name, drive=args.drive, orientation=args.orientation, notes=tuple(notes), **values)

@@ -18,7 +18,15 @@ from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.steps import Candidate, F, Ladder, Measure, Smooth, Step
 from observer_fi.learn import Experiment, FitResult, campaign_filters, with_servo
-from observer_fi.logs import Excitation, filtered_logger, on_its_clock, unfiltered, with_command, with_logger
+from observer_fi.logs import (
+    Excitation,
+    filtered_logger,
+    on_its_clock,
+    unfiltered,
+    with_command,
+    with_logger,
+    without_inductance,
+)
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve
 from observer_fi.records import Filter, Log, Segment
 
@@ -110,7 +118,10 @@ def improve(
             )
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
+    winding, rig = rig.inductance, replace(rig, inductance=None)
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
+    if winding:
+        commanded = [without_inductance(log, winding.value) for log in commanded]
     filters = campaign_filters(commanded, rig).told
     taken = [unfiltered(log, filters) for log in commanded]
     problem = simulated_moves(taken, with_servo(taken, rig), moves, settings, filters)
@@ -120,7 +131,9 @@ def improve(
     counts = new_moves(problem, ladder, rig)
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
     learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
-    return replace(found, extended_rig=learned, new_moves=counts, filters=filters)
+    return replace(
+        found, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters
+    )
 
 
 def improvement_of(

@@ -13,7 +13,9 @@ import numpy as np
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
 from observer_fi.logs import (
     Readings,
+    Uninductive,
     acquisition_of,
+    inductance_of,
     unfiltered,
     with_command,
     without_means,
@@ -57,6 +59,8 @@ def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:
     """The begin of a log as filters may take it, and the rig as its logger shows it."""
     log = with_command(log, rig).part(slice(0, LONGEST))
     log = without_means(log)
+    L = inductance_of(rig, log.rate_hz)
+    log = Uninductive(L, rig.file_noise_std, 1.0 / log.rate_hz).take(log)
     acquisition = acquisition_of(log, rig.file_noise_std)
     known = replace(rig, logger=acquisition)
     fresh = Readings(acquisition, log.rate_hz, known.noise_std).take(log)
@@ -103,8 +107,8 @@ def _peak(parts: Sequence[tuple[Log, Rig]], settings: BankSettings, errors: dict
     far = []
     for e in _estimates(parts, settings, errors):
         seen = np.abs(e.normalised[BEGIN:][e.active[BEGIN:]])
-        first = 0 if np.isfinite(seen[:, 0]).any() else 1
-        far.append(float(np.nanmax(seen[:, first], initial=0.0)))
+        first = np.where(np.isfinite(seen[:, 0]), seen[:, 0], seen[:, 1])
+        far.append(float(np.nanmax(first, initial=0.0)))
     return max(far)
 
 

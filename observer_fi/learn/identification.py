@@ -33,7 +33,7 @@ from observer_fi.learn.logger.filtered_readings import Through
 from observer_fi.learn.logger.low_passes import filter_of, needed
 from observer_fi.learn.move_data import share_of
 from observer_fi.learn.servo.encoder_steps import without_steps
-from observer_fi.learn.servo.inductance import behind_inductance, winding_of, without_inductance
+from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.logs import (
     LowPasses,
@@ -43,11 +43,13 @@ from observer_fi.logs import (
     on_its_clock,
     unfiltered,
     with_command,
+    without_inductance,
 )
 from observer_fi.physics import (
     PARAMETERS,
     UNLEARNED,
     Model,
+    Quantity,
     Rig,
     bounds,
     override,
@@ -140,11 +142,12 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
         return identify_driven(logs, rig)
     logs = [on_its_clock(log, rig) for log in logs]
     fit = _servo_fit(logs, rig, filters)
-    L, warnings = winding_of(logs, rig) if filters and not fit.filters else (0.0, ())
-    if not L:
+    winding = winding_of(logs, rig) if filters else None
+    if winding is None or winding.inductance is None:
         return fit
+    L = winding.inductance.value
     behind = _servo_fit([without_inductance(log, L) for log in logs], rig, filters=False)
-    return behind_inductance(behind, fit, warnings)
+    return behind_inductance(behind, fit, winding)
 
 
 def _servo_fit(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
@@ -301,6 +304,9 @@ def identified_rig(fit: Fit, rig: Rig) -> Rig:
     if both[0] in values and both[1] not in values:  # one coefficient that was fitted to moves either way
         values[both[1]], std[both[1]] = values[both[0]], std[both[0]]
     learned = with_values(rig, values, std, "identified")
+    if fit.inductance:
+        L = fit.inductance
+        learned = replace(learned, inductance=Quantity(L.value, L.unit, "identified", std=L.std))
     narrow = {
         name: replace(q, spread=DAILY.get(name, 0.0))
         for name, q in learned.quantities.items()

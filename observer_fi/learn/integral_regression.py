@@ -10,6 +10,7 @@ logged, the speed is integrated once more and compared with the position.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ import scipy  # whose parts load when they are used
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.contacts_and_losses import motor_angle
-from observer_fi.logs import position_speed
+from observer_fi.logs import change_rate, position_speed
 from observer_fi.numerics import constant_runs, correlation_time, digits, filled
 from observer_fi.physics import PARAMETERS, Model, Rig, speed
 from observer_fi.records import Array, Fit, Log, Parameter
@@ -35,6 +36,7 @@ WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet di
 PITCH_SPAN = 2.0  # deg
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
+SEVERAL = 2.0  # samples of a time constant that tell where the motor begins to turn behind it
 Z95 = 1.959964
 LONGEST = 2000  # samples over which residuals may be correlated
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
@@ -87,13 +89,16 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     Raises InvalidLogError where the motor never turns for long enough.
     """
     model = rig.model
-    windows = [w for log in logs for w in windows_of(log, model)]
+    windows = [w for log in logs for w in windows_of(log, rig)]
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and model["Rm"] > 0.0
     names, values, covariance, s = (
         _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
     )
+    if with_voltage and _inductance(s) and s.x[-1] > SEVERAL * s.x[0] / logs[0].rate_hz:
+        windows = [w for log in logs for w in windows_of(log, rig, float(s.x[-1]))] or windows
+        names, values, covariance, s = _from_voltage(windows, rig)
     left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
@@ -106,26 +111,37 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     sigma = s.sigma * (1.0 if with_voltage else model["D"])
     error = {"speed_rad_s": sigma / model["Km"]} if with_voltage else {"position_m": sigma}
     nll = float(np.log(noise * np.sqrt(2.0 * np.pi)) + 0.5 * (sigma / noise) ** 2)
-    told = _inductance(s) if with_voltage else ()
-    figures = {"windows": windows, "samples": s.n, "inductance": float(s.x[-1]) if told else 0.0}
-    return Fit(parameters, _correlation(covariance), missing, nll, error, figures, warnings=told)
-
-
-def _inductance(s: Solution) -> tuple[str, ...]:
-    """A sentence on a winding that has an inductance beyond doubt, and one that a start shows."""
-    Rm, L, std = float(s.x[0]), float(s.x[-1]), float(np.sqrt(s.covariance[-1, -1]))
-    if max(SHOWS_STD * std, SHOWS_S * Rm) > L:
-        return ()
-    return (
-        f"the voltage runs ahead of the current as {digits(1e3 * L)} mH in the winding make it ({digits(1e3 * L / Rm)} ms): the "
-        "constants are those behind it, but the equations of the rig leave it out, and a sensor fault that is told at a start "
-        "may be no more than this",
+    L = _inductance(s) if with_voltage else None
+    told = (_told(L, float(s.x[0])),) if L else ()
+    figures = {"windows": windows, "samples": s.n}
+    return Fit(
+        parameters, _correlation(covariance), missing, nll, error, figures, warnings=told, inductance=L
     )
 
 
-def windows_of(log: Log, model: Model) -> list[Window]:
-    """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing."""
-    w, smooth = _speed(log, model)
+def _inductance(s: Solution) -> Parameter | None:
+    """Of a winding that has one beyond doubt, and one that a start shows."""
+    Rm, L, std = float(s.x[0]), float(s.x[-1]), float(np.sqrt(s.covariance[-1, -1]))
+    if max(SHOWS_STD * std, SHOWS_S * Rm) > L:
+        return None
+    return Parameter("inductance", L, std, 0.0, "H", L - Z95 * std, L + Z95 * std)
+
+
+def _told(L: Parameter, Rm: float) -> str:
+    return (
+        f"the voltage runs ahead of the current as {digits(1e3 * L.value)} mH in the winding make it "
+        f"({digits(1e3 * L.value / Rm)} ms): the constants are those behind it, and the rig file has it, so that `diagnose` "
+        "takes it out of the voltage"
+    )
+
+
+def windows_of(log: Log, rig: Rig, inductance: float = 0.0) -> list[Window]:
+    """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing.
+
+    inductance: of the winding [H]; at a start its voltage runs ahead, and the motor seems to turn while it stands.
+    """
+    ahead = inductance * change_rate(log.t, log.z[:, 1], 1) if inductance else np.zeros(log.t.size)
+    w, smooth = _speed(replace(log, z=log.z - np.outer(ahead, (1.0, 0.0, 0.0))), rig.model)
     sign = np.where(
         np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS),
         np.sign(smooth),
@@ -319,13 +335,6 @@ def _neighbours(y: Array) -> Array:
     """(n,) mean of the readings before and after each: what they have in common with it is signal, and no noise."""
     padded = np.concatenate((y[1:2], y, y[-2:-1]))
     return np.asarray(0.5 * (padded[:-2] + padded[2:]))
-
-
-def change_rate(t: Array, y: Array, away: int) -> Array:
-    """(n,) rate at which y (n,) changes, from the readings `away` samples before and after each, or the last ones at the ends."""
-    at = np.arange(t.size)
-    before, after = np.maximum(at - away, 0), np.minimum(at + away, t.size - 1)
-    return np.asarray((y[after] - y[before]) / (t[after] - t[before]))
 
 
 def _without(G: Array, free: Array) -> Array:

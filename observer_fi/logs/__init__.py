@@ -44,6 +44,7 @@ from observer_fi.logs.logger.low_pass import (
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
+from observer_fi.logs.logger.winding import Uninductive, change_rate, inductance_of, without_inductance
 from observer_fi.logs.moves import (
     Excitation,
     Phase,
@@ -71,7 +72,11 @@ __all__ = [
     "quarter_of_a_ring",
     "LowPass",
     "Mean",
+    "Uninductive",
     "Unmeant",
+    "change_rate",
+    "inductance_of",
+    "without_inductance",
     "means_of",
     "without_means",
     "LowPasses",

@@ -93,6 +93,10 @@ class _Curve(_Strict):
     std: Annotated[list[Error], Field(max_length=1000)] = []
 
 
+class _Inductance(_Quantity):
+    value: Annotated[float, Field(gt=0.0, le=1e3, allow_inf_nan=False)]
+
+
 class _Channel(_Strict):
     noise_std: Error = 0.0
     as_white: Error | None = None
@@ -130,6 +134,7 @@ class _RigFile(_Strict):
     curve: _Curve | None = None
     acquisition: _Acquisition | None = None
     errors: dict[str, Positive] = {}
+    inductance: _Inductance | None = None
 
     @field_validator("parameters", mode="before")
     @classmethod

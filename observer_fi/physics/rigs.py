@@ -119,7 +119,8 @@ class Rig:
 
     drive: one of `DRIVES`. noise: standard deviation of each channel, V, A, m. quantities: what the file gives, by
     name of parameter; everything else is neutral. logger: what a log has shown of the logger. errors: how far healthy logs have
-    shown the equations to be off, by `ERRORS` of `rig_file.py`; empty where none was learned from.
+    shown the equations to be off, by `ERRORS` of `rig_file.py`; empty where none was learned from. inductance: of the winding
+    [H], which the equations leave out and readings are taken without; None where nobody knows of one.
     """
 
     name: str
@@ -132,6 +133,7 @@ class Rig:
     source: str = ""
     logger: Acquisition | None = None
     errors: dict[str, float] = field(default_factory=dict)
+    inductance: Quantity | None = None
 
     @property
     def model(self) -> Model:
@@ -305,7 +307,18 @@ def _rig_path(path: str | Path) -> Path:
     return packaged if not given.suffix and not given.exists() and packaged.exists() else given
 
 
-_TOP = ("name", "description", "drive", "source", "noise", "parameters", "curve", "acquisition", "errors")
+_TOP = (
+    "name",
+    "description",
+    "drive",
+    "source",
+    "noise",
+    "parameters",
+    "curve",
+    "acquisition",
+    "errors",
+    "inductance",
+)
 _QUANTITY = ("value", "unit", "method", "source", "spread", "std")
 _NOISE = ("voltage", "current", "position")
 
@@ -346,6 +359,7 @@ def _rig_from_table(table: dict, where: str) -> Rig:
         table.get("source", ""),
         acquisition_from(table.get("acquisition", {})),
         {name: float(value) for name, value in table.get("errors", {}).items()},
+        _inductance(table["inductance"]) if "inductance" in table else None,
     )
 
 
@@ -359,11 +373,20 @@ def _quantity(name: str, given: object) -> Quantity:
     _position(name)
     if is_curve(name):
         raise UsageError(f"{name}: a curve stands in the table [curve]")
-    entry: dict = given if isinstance(given, dict) else {"value": given}
+    return _value_of(name, PARAMETERS[name][0], given if isinstance(given, dict) else {"value": given})
+
+
+def _inductance(entry: dict) -> Quantity:
+    """Of the winding: no parameter of the equations."""
+    return _value_of("inductance", "H", entry)
+
+
+def _value_of(name: str, own: str, entry: dict) -> Quantity:
+    """A quantity in its own unit."""
     _check_keys(entry, _QUANTITY, f"key of {name}")
-    unit = entry.get("unit", PARAMETERS[name][0])
-    if unit != PARAMETERS[name][0]:
-        raise UsageError(f"{name}: unit must be {PARAMETERS[name][0]!r}, got {unit!r}")
+    unit = entry.get("unit", own)
+    if unit != own:
+        raise UsageError(f"{name}: unit must be {own!r}, got {unit!r}")
     std = entry.get("std")
     return Quantity(
         float(entry["value"]),
@@ -413,18 +436,19 @@ def rig_toml(rig: Rig) -> str:
     for name, q in rig.quantities.items():
         if is_curve(name):
             continue
-        entry: dict[str, object] = {"value": q.value, "unit": q.unit}
-        entry |= {
-            k: v
-            for k, v in (("method", q.method), ("source", q.source), ("spread", q.spread), ("std", q.std))
-            if v
-        }
-        parameters[name] = entry
+        parameters[name] = _entry(q)
     table: dict[str, object] = {"name": rig.name, "description": rig.description, "drive": rig.drive}
     table |= {"source": rig.source} if rig.source else {}
     table |= {"noise": dict(rig.noise), "parameters": parameters}
     logger = without_nothing(acquisition_table(rig.logger))
     table |= {"acquisition": logger} if logger else {}
     table |= {"errors": dict(rig.errors)} if rig.errors else {}
+    table |= {"inductance": _entry(rig.inductance)} if rig.inductance else {}
     curve = rig.curve
     return tomli_w.dumps(table | ({"curve": curves.to_table(curve)} if curve else {}))
+
+
+def _entry(q: Quantity) -> dict[str, object]:
+    """A quantity as a rig file has it."""
+    told = (("method", q.method), ("source", q.source), ("spread", q.spread), ("std", q.std))
+    return {"value": q.value, "unit": q.unit, **{k: v for k, v in told if v}}

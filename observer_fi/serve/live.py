@@ -181,7 +181,9 @@ class Lesson:
 
     def learned(self, rig: Rig, settings: BankSettings) -> AsLogged | None:
         """What the samples kept show of the logger, None where they are too few."""
-        return AsLogged(log_of(self.table), rig, settings) if len(self.table) >= LEARNABLE else None
+        return (
+            AsLogged(log_of(self.table), rig, settings, causal=True) if len(self.table) >= LEARNABLE else None
+        )
 
     def next_one(self, known: AsLogged | None) -> "Lesson | None":
         """The lesson after this one, of which so much is known; None after the last.

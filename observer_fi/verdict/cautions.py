@@ -71,6 +71,11 @@ def cautions(
             f"current_a is {with_unit(known.zero, 'A')} off its zero, as motion in both directions shows: taken out; zero the "
             "sensor"
         )
+    if known.inductance:
+        found.append(
+            f"voltage_v runs ahead of current_a as {with_unit(1e3 * known.inductance, 'mH')} in the winding make it: taken out "
+            "of its readings; those in which the current bends from one sample to the next count as missing"
+        )
     found += _of_the_day(known.day)
     step = known.told.clock.resolution_s
     if step:

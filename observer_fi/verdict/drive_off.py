@@ -78,6 +78,8 @@ def may_be_off(electrical: Array, noise: Array) -> bool:
 
 
 def _filled(z: Array) -> Array:
-    """Rows with each channel's last known value where it has none."""
-    rows = np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z))[:, None], 0), axis=0)
+    """Rows with each channel's last known value where it has none, before its first one with that."""
+    known = np.isfinite(z)
+    rows = np.maximum.accumulate(np.where(known, np.arange(len(z))[:, None], 0), axis=0)
+    rows = np.maximum(rows, known.argmax(axis=0)) if len(z) else rows
     return np.take_along_axis(z, rows, axis=0)

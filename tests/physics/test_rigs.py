@@ -214,3 +214,13 @@ def test_steps_and_repeats_are_zero_where_there_are_none() -> None:
         np.testing.assert_array_equal(rig.repeats, 0.0)
     np.testing.assert_array_equal(logged(resolution=1e-3, repeats=0.2).step, 1e-3)
     np.testing.assert_array_equal(logged(resolution=1e-3, repeats=0.2).repeats, 0.2)
+
+
+def test_the_inductance_of_a_winding_stands_in_the_rig_file(tmp_path: Path) -> None:
+    rig = replace(load_rig(), inductance=Quantity(1.4e-3, "H", "identified", std=2e-5))
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_toml(rig), encoding="utf-8")
+    assert load_rig(path).inductance == rig.inductance
+    path.write_text(path.read_text(encoding="utf-8").replace("0.0014", "-0.0014"), encoding="utf-8")
+    with pytest.raises(UsageError, match="inductance"):
+        load_rig(path)

@@ -26,10 +26,11 @@ PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(
 
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
          label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0,
-         lines: Any = None, day: Day = USUAL, means: tuple[Mean, ...] = ()) -> tuple[str, ...]:  # fmt: skip
+         lines: Any = None, day: Day = USUAL, means: tuple[Mean, ...] = (),
+         inductance: float = 0.0) -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(
         rig=RIG, told=acquisition, lateness=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines,
-        day=day, means=means,
+        day=day, means=means, inductance=inductance,
     )  # fmt: skip
     isolation: Any = SimpleNamespace(
         verdict=SimpleNamespace(label=label, reasons=()), consistency=Consistency(nis, 3.0, 0.5)
@@ -157,3 +158,7 @@ def test_an_ideal_log_has_no_warnings(label: str) -> None:
 )
 def test_what_a_logger_hides_is_told_with_the_verdict(name: str, words: str) -> None:
     assert any(words in sentence for sentence in warned(name, "nominal", 7612))
+
+
+def test_an_inductance_that_was_taken_out_is_told() -> None:
+    assert any("1.4 mH in the winding" in warning for warning in told(inductance=1.4e-3))

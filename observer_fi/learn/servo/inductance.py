@@ -10,41 +10,44 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.learn.integral_regression import change_rate, identify_driven
+from observer_fi.learn.integral_regression import identify_driven
 from observer_fi.logs import without_means
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log, Parameter
 
-OVER_S = 5e-4  # on either side of a reading, over which the rate of the current is taken: noise outgrows it over less
-BETTER = 0.8  # of the misfit of the current, which must be left
+# Of the misfit of the current, which must be left; or nats a sample that must be gained, or on filters before the readings may be
+# lost: a filter that is as good is the lag of a servo's current loop; or of the misfit of the speed, where no servo is known.
+BETTER, GAINED, LOST, HALF = 0.8, 0.05, 0.1, 0.5
 CHANGED = 0.5  # of what the inductance changed, as a standard deviation
 
 
-def winding_of(logs: Sequence[Log], rig: Rig) -> tuple[float, tuple[str, ...]]:
-    """Inductance [H] that some logs show beyond doubt, and what to say of it; 0 where they show none."""
+def winding_of(logs: Sequence[Log], rig: Rig) -> Fit | None:
+    """A fit of the winding and the mechanics alone, of logs that show an inductance beyond doubt; None of others."""
     try:
         fit = identify_driven([without_means(log) for log in logs], replace(rig, drive="voltage"))
     except InvalidLogError:
-        return 0.0, ()
-    return (float(fit.figures["inductance"]), fit.warnings) if fit.warnings else (0.0, ())
+        return None
+    return fit if fit.inductance else None
 
 
-def without_inductance(log: Log, L: float) -> Log:
-    """A log whose voltage is that of a winding without inductance, V - L di/dt."""
-    z = log.z.copy()
-    z[:, 0] -= L * change_rate(log.t, z[:, 1], max(1, round(OVER_S * log.rate_hz)))
-    return replace(log, z=z)
-
-
-def behind_inductance(behind: Fit, before: Fit, warnings: tuple[str, ...]) -> Fit:
+def behind_inductance(behind: Fit, before: Fit, winding: Fit) -> Fit:
     """The fit `behind` the inductance, whose intervals hold what `before`, which took it for something else, had otherwise; the
     latter where the servo's current follows from it as well: then a logger, or something else, looks like a winding.
     """
-    if not behind.rmse["current_a"] < BETTER * before.rmse["current_a"]:
+    if not _better(behind, before):
         return before
     values = {p.name: p.value for p in before.parameters}
     wider = tuple(_wider(p, CHANGED * abs(p.value - values.get(p.name, p.value))) for p in behind.parameters)
-    return replace(behind, parameters=wider, warnings=warnings)
+    return replace(behind, parameters=wider, warnings=winding.warnings, inductance=winding.inductance)
+
+
+def _better(behind: Fit, before: Fit) -> bool:
+    """Whether readings are explained better behind an inductance than by all else that looks like one."""
+    if "current_a" not in behind.rmse:
+        return behind.rmse["speed_rad_s"] < HALF * before.rmse["speed_rad_s"]
+    left, had = behind.rmse["current_a"], before.rmse.get("current_a", np.inf)
+    gained = before.nll_per_sample - behind.nll_per_sample
+    return gained > -LOST if before.filters else gained > GAINED or left < BETTER * had
 
 
 def _wider(p: Parameter, std: float) -> Parameter:

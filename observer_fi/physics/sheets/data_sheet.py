@@ -50,6 +50,7 @@ class DataSheet:
     drive: str
     lead: float | None = None
     resistance: float | None = None
+    inductance: float | None = None
     torque_constant: float | None = None
     speed_constant: float | None = None
     back_emf: float | None = None
@@ -91,7 +92,9 @@ def rig_of_sheet(sheet: DataSheet) -> FromSheet:
     facts += [f"travel {1e3 * sheet.travel:g} mm"] if sheet.travel else []
     described = "; ".join([", ".join(facts), *(f"warning: {w}" for w in warnings)])
     source = "data sheets; what they do not say is guessed: run identify on healthy moves"
-    return FromSheet(Rig(sheet.name, described, sheet.drive, quantities, made.noise(), source), warnings)
+    L = Quantity(sheet.inductance, "H", SHEET) if sheet.inductance and DRIVES[sheet.drive].motor else None
+    rig = Rig(sheet.name, described, sheet.drive, quantities, made.noise(), source, inductance=L)
+    return FromSheet(rig, warnings)
 
 
 class _Maker:

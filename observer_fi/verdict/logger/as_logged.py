@@ -20,9 +20,11 @@ from observer_fi.logs import (
     Mean,
     Readings,
     Unfiltered,
+    Uninductive,
     Unmeant,
     acquisition_of,
     even,
+    inductance_of,
     means_of,
     with_low_passes,
 )
@@ -32,6 +34,7 @@ from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
+from observer_fi.verdict.logger.winding import inductance_at_start
 from observer_fi.verdict.logger.zero_current import with_zero, zero_current
 from observer_fi.verdict.moves.of_the_day import LOOKED_AT, Day, FirstStart, Told
 from observer_fi.verdict.moves.ripple_phase import phases_of
@@ -47,11 +50,13 @@ LEARNABLE = SHORTEST_REST  # samples of a stream
 class AsLogged:
     """What filters take of one log. log: its beginning, as long as there is; rig, settings: before anything was known of it.
 
-    rig, settings: what banks are to be made with; acquisition: what the logger does.
+    rig, settings: what banks are to be made with; acquisition: what the logger does; inductance: of the winding [H], which is
+    taken out of the voltage. causal: whether a reading must do without those after it.
     """
 
-    def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
+    def __init__(self, log: Log, rig: Rig, settings: BankSettings, causal: bool = False) -> None:
         self.low_passes, self.interval = LowPasses(), 1.0 / log.rate_hz
+        self.inductance, self.causal = inductance_of(rig, log.rate_hz), causal
         self.lines: Hum | None = None
         self.with_lines: Acquisition | None = None
         self.means: tuple[Mean, ...] = ()
@@ -60,6 +65,9 @@ class AsLogged:
             start = self._without_means(log, rig, settings, start)
         if any(channel.lines for channel in self.acquisition[:3]) and start is not None:
             log, start = self._without_lines(log, rig, settings, start)
+        if not self.inductance and start is not None and rig.driven.motor:
+            self.inductance = inductance_at_start(log, rig, settings, electrical_offset, start)
+            start = self._learn(log, rig, settings) if self.inductance else start
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
         if self.low_passes.any:
             self._learn(log, rig, settings)
@@ -117,7 +125,8 @@ class AsLogged:
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
-        log = Unmeant(self.means).take(Unfiltered(self.low_passes, self.interval).take(log))
+        self._begin_inputs(rig)
+        log = self._inputs(log)
         measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
         self.acquisition = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
@@ -155,22 +164,30 @@ class AsLogged:
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        self.set_back, self.unmeant = SetBack(self.late), Unmeant(self.means)
-        self.unfiltered = Unfiltered(self.low_passes, self.interval)
+        self.set_back = SetBack(self.late)
+        self._begin_inputs(rig)
         self.hum = copy(self.lines)
+
+    def _begin_inputs(self, rig: Rig) -> None:
+        self.unfiltered, self.unmeant = Unfiltered(self.low_passes, self.interval), Unmeant(self.means)
+        self.unwound = Uninductive(self.inductance, rig.file_noise_std, self.interval, self.causal)
+
+    def _inputs(self, log: Log) -> Log:
+        """The next chunk as it came before the logger's filters and means, with the voltage of a winding without inductance."""
+        return self.unwound.take(self.unmeant.take(self.unfiltered.take(log)))
 
     @property
     def plain(self) -> bool:
         """Whether filters take every reading as it is."""
         as_read = self.readings.plain and self.hum is None
         as_told = not self.offset and self.day.voltage == 1.0
-        as_come = not any(self.late) and not self.low_passes.any and not self.means
+        as_come = not any(self.late) and not self.low_passes.any and not self.means and not self.inductance
         return as_read and as_told and as_come
 
     def take(self, log: Log) -> Log:
         """The next chunk of the log, the first one again."""
         quiet = self.hum.take(log) if self.hum is not None else log
-        return self._behind_filters(self.unmeant.take(self.unfiltered.take(quiet)))
+        return self._behind_filters(self._inputs(quiet))
 
     def _behind_filters(self, log: Log) -> Log:
         """The next chunk, without the filters before its readings."""
@@ -198,6 +215,7 @@ class AsLogged:
             and math.isclose(self.zero, other.zero, abs_tol=SAME_NOISE * self.rig.noise_std[1])
             and self.low_passes == other.low_passes
             and self.means == other.means
+            and self.inductance == other.inductance
             and self.settings == other.settings
         )
         held = self.readings.every == other.readings.every and self.readings.stands == other.readings.stands

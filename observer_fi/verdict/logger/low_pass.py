@@ -7,6 +7,7 @@ readings without them.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def low_passes_of(
     groups = _groups(acquisition, 1.0 / log.rate_hz, explained)
     if not groups:
         return none
-    start = _Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
+    start = Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
     best = _with_one_more(start, none, groups)
     if FITS < start.misfit(best) < NEAR:
         other = _with_one_more(start, best, groups)
@@ -105,7 +106,7 @@ def _groups(acquisition: Acquisition, interval: float, explained: bool) -> list[
     return [channels for channels in CHANNELS if set(channels) <= among]
 
 
-def _with_one_more(start: "_Start", found: LowPasses, groups: list[tuple[int, ...]]) -> LowPasses:
+def _with_one_more(start: "Start", found: LowPasses, groups: list[tuple[int, ...]]) -> LowPasses:
     """The filters with the best further one, before a group of channels."""
     corners = [1.0 / (2.0 * math.pi * start.interval * samples) for samples in TIMES]
     kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
@@ -114,7 +115,7 @@ def _with_one_more(start: "_Start", found: LowPasses, groups: list[tuple[int, ..
     return max((_finest(start, one) for one in begun[:CLIMBED]), key=start.nats)
 
 
-def _finest(start: "_Start", found: LowPasses) -> LowPasses:
+def _finest(start: "Start", found: LowPasses) -> LowPasses:
     """Filters with the best corner, order and delay of those like the given ones."""
     for factor, samples in FINER:
         found = max(_near(found, factor, samples, start.interval), key=start.nats)
@@ -140,7 +141,7 @@ def _near(found: LowPasses, factor: float, samples: float, interval: float) -> l
     return out
 
 
-class _Start:
+class Start:
     """A log until its first start is over, as nominal explains it without the filters that may have come before its readings."""
 
     def __init__(
@@ -155,7 +156,12 @@ class _Start:
         ]
         self.traits: dict[tuple[int, LowPass], ChannelTraits] = {}
         self.known: dict[LowPasses, Told] = {}
-        self.as_filed = self._told(LowPasses(), settings).nats
+        self.full = settings
+
+    @cached_property
+    def as_filed(self) -> float:
+        """Log-likelihood without filters, whatever fault there may be."""
+        return self._told(LowPasses(), self.full).nats
 
     def nats(self, filters: LowPasses) -> float:
         """Log-likelihood of the readings as they were logged."""
