@@ -1,18 +1,19 @@
 """A channel that contradicts the others from a log's first motion on is left out; one that fails later, or a machine, is not."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hidden import draw_move_case, make_log
+from hidden import Fault, TruthSpec, draw_move_case, draw_severity_case, make_log
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
-from observer_fi.records import Outcome
+from observer_fi.records import Event, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.logger.left_out import left_out, without
+from observer_fi.verdict.logger.left_out import left_out, or_the_position, told_alone, without
 
 RIG, SETTINGS = load_rig(), Settings()
 V, A, X = "voltage_v", "current_a", "position_m"
@@ -83,3 +84,69 @@ def test_readings_of_a_channel_are_taken_away() -> None:
     assert np.isnan(left.z[:, 1]).all()
     assert np.array_equal(left.z[:, ::2], log.z[:, ::2])
     assert np.isfinite(log.z[:, 1]).all()
+
+
+def verdict_on(frame: pd.DataFrame) -> Event:
+    found = judged(frame).isolation
+    assert found is not None
+    return found.verdict
+
+
+def failing(seed: int, kind: str, channel: str, size: float, onset_s: float) -> TruthSpec:
+    fault = Fault("sensor_fault", onset_s, kind, channel, size)
+    return replace(draw_move_case(seed, "nominal"), fault=fault)
+
+
+def sure_of(label: str, onset_s: float, end_s: float) -> Event:
+    return Event(label, None, 1.0, onset_s, (onset_s, onset_s), onset_s, onset_s, 0.3, end_s, {label: 1.0})
+
+
+@pytest.mark.parametrize("seed", [3320011, 3320012])
+def test_a_current_that_alone_tells_a_load_leaves_no_fault_of_the_actuator(seed: int) -> None:
+    """Its leak looks like friction in all of the move, of which the voltage shows nothing."""
+    found = verdict_of("nominal", "leak", seed).isolation
+    assert found is not None
+    assert {found.verdict.label, *found.verdict.alike} == {"nominal", "sensor_fault"}
+    assert found.verdict.probability == 0.5
+
+
+@pytest.mark.parametrize("kind", ["jam", "jam_growing", "overload", "coupling_loss", "slip"])
+def test_neither_voltage_nor_current_tells_a_fault_alone(kind: str) -> None:
+    frame, truth = make_log(spec := draw_severity_case(3320021, kind), 3320021)
+    log = log_from_frame(frame)
+    event = sure_of(spec.fault.label, spec.fault.onset_s or 0.0, float(log.t[-1]))
+    assert told_alone(log, event, RIG, SETTINGS) == (), truth
+
+
+def test_a_current_that_stands_in_its_noise_is_no_jam() -> None:
+    """It stood where the load was: what pitch and friction change from then on looks like a friction that rose by 2 %."""
+    frame, _ = make_log(failing(51015, "frozen_noisy", "current", 0.0, 0.5935), 51015)
+    verdict = verdict_on(frame)
+    assert verdict.label == "nominal"
+    assert verdict.alike == ("sensor_fault",)
+
+
+@pytest.mark.parametrize(("label", "other"), [("coupling_loss", "sensor_fault"), ("slip", "overload")])
+def test_what_the_position_tells_alone_is_told_with_what_the_motor_says(label: str, other: str) -> None:
+    """A lost coupling of which the motor feels nothing, and a slip under a load that came, are as well something else."""
+    seed = 3320031
+    truth = "nominal" if label == "coupling_loss" else "overload"
+    spec = draw_severity_case(seed, truth)
+    log = log_from_frame(make_log(replace(spec, rig=replace(spec.rig, C=800.0)), seed)[0])  # a hard stop
+    outcome = diagnose_log(log, RIG, SETTINGS)
+    found = outcome.isolation
+    assert found is not None
+    wrong = sure_of(label, spec.fault.onset_s or 1.0, found.verdict.end_s)
+    wrong = wrong._replace(start_s=found.verdict.start_s)
+    said = replace(outcome, isolation=replace(found, verdict=wrong, events=(wrong,)))
+    told = or_the_position(said, lambda: log, RIG, SETTINGS).isolation
+    assert told is not None
+    assert (told.verdict.probability, told.verdict.alike) == (0.5, (other,))
+    assert told.events[0] == told.verdict
+
+
+@pytest.mark.parametrize("label", ["coupling_loss", "slip"])
+def test_a_fault_that_the_position_tells_rightly_stays_sure(label: str) -> None:
+    verdict = verdict_on(make_log(draw_severity_case(3320041, label), 3320041)[0])
+    assert verdict.label == label
+    assert verdict.probability > 0.95

@@ -3,23 +3,38 @@
 Another unit, a leak between channels, a rectifier or a curved characteristic spoil one channel in every move. Without it the
 first start is explained by what is left, with it by nothing; the log is then judged without it. Which channel it is must be
 told: where two may be left out, neither is. A rig file of another machine explains its starts without none.
+
+Nor is a fault of the actuator certain that one of voltage and current tells alone: what loads a motor, or lets go of it, shows in
+both. Without the other one the whole move is then healthy.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank
 from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
-from observer_fi.physics import COLUMNS, NOMINAL, UNKNOWN, Rig, commanded
-from observer_fi.records import CHANNELS, Event, Log, Outcome
+from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
+from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import SURE, mostly, or_else
+from observer_fi.verdict.drift import (
+    LIMIT,
+    SURE,
+    UNUSUAL,
+    friction_in_spreads,
+    largest_means,
+    mostly,
+    or_as_well,
+    or_else,
+)
 from observer_fi.verdict.explain import explanation
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import first_start
 from observer_fi.verdict.moves.of_the_day import told_by
+from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.wrong_rig import begins_with_the_motion
 
 # Times the expected NIS of a start: with all channels, and without the one that is wrong.
@@ -30,7 +45,19 @@ NOT_AS_FILED = (
     "without it. It is read, scaled or filtered in another way than the rig file says, or had failed before: look at it with "
     "observer-fi inspect"
 )
-_EITHER = "without {}, which contradicts the others from the first motion on, the actuator is healthy"
+TOLD_BY_ONE = (
+    "without {} the log is that of a healthy actuator from its first sample to the end of the move, and no fault of the actuator "
+    "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
+)
+NO_LOAD_GONE = (
+    "voltage and current of the motor are those of a healthy move, as no lost coupling leaves them: the position may as well be "
+    "wrong"
+)
+A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
+CHANGES = 2.0  # times what means of innovations were before
+ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
+ELECTRICAL = tuple(CHANNELS.index(name) for name in ("voltage", "current"))
+_EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
 
 def may_be_a_channel(outcome: Outcome) -> bool:
@@ -61,6 +88,103 @@ def left_out(log: Log, rig: Rig, settings: Settings) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
+def is_of_the_actuator(verdict: Event) -> bool:
+    """Whether a verdict is a fault of the actuator that has a name, likelier than all else."""
+    row = FAULTS.get(verdict.label)
+    named = row is not None and not row.by_channel and verdict.label != UNKNOWN
+    return named and verdict.probability > ONE_OF_TWO
+
+
+def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[int, ...]:
+    """Indices of those of voltage and current without which a log is healthy up to the end of the verdict's move.
+
+    None of them where that ends behind the first samples that are at hand.
+    """
+    until = _until(log, verdict, rig)
+    if until is None:
+        return ()
+    return tuple(c for c in ELECTRICAL if _healthy_without(until, c, verdict, rig, settings).explains)
+
+
+def or_the_position(outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
+    """An outcome that is sure of what voltage and current do not say, shared with what they do say.
+
+    A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
+    failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
+    """
+    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
+    other = {"coupling_loss": "sensor_fault", "slip": "overload"}.get(verdict.label) if verdict else None
+    if verdict is None or other is None or verdict.probability <= SURE:
+        return outcome
+    until = _until(read(), verdict, rig)
+    if until is None:
+        return outcome
+    motor = _healthy_without(until, CHANNELS.index("position"), verdict, rig, settings)
+    if other == "sensor_fault":
+        return _shared(outcome, other, NO_LOAD_GONE, rig) if motor.explains else outcome
+    return _shared(outcome, other, A_LOAD_CAME, rig) if motor.sees_a_change(verdict.onset_s) else outcome
+
+
+def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
+    """The log up to the end of a verdict's move, None where that is not at hand or voltage and current are not told."""
+    first = log.part(slice(0, CHUNK_ROWS))
+    whole = all(np.isfinite(first.z[:, c]).any() for c in ELECTRICAL)
+    if not (rig.watched.servo and rig.driven.motor and whole) or verdict.end_s > first.t[-1]:
+        return None
+    return first.part(slice(0, int(np.searchsorted(first.t, verdict.end_s, "right"))))
+
+
+class _Healthy(NamedTuple):
+    """How nominal explains a log: NIS over its expectation; times (n,) [s] in the verdict's move once its start has settled, and
+    the largest means (n,) of innovations then; the friction, in spreads from rig to rig.
+    """
+
+    misfit: float
+    t: Array
+    means: Array
+    friction: float | None
+
+    @property
+    def explains(self) -> bool:
+        """Whether every move is healthy, no mean stays on one side, and friction is what many rigs have."""
+        usual = self.friction is None or self.friction < UNUSUAL
+        return self.misfit <= EXPLAINED and self.means.max(initial=0.0) <= LIMIT and usual
+
+    def sees_a_change(self, onset_s: float | None) -> bool:
+        """Whether means leave where they were before an onset."""
+        if onset_s is None:
+            return False
+        before = self.means[self.t < onset_s].max(initial=0.0)
+        return bool(self.means.max(initial=0.0) > max(LIMIT, CHANGES * before))
+
+
+def _healthy_without(log: Log, channel: int, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
+    log = commanded(without(log, channel), rig)
+    known = AsLogged(log, rig, settings.bank)
+    taken = known.take(log)
+    hypotheses = Bank(known.rig, known.settings).hypotheses
+    nominal = Bank(known.rig, known.settings, hypotheses=hypotheses[:1])
+    e = nominal.advance(taken)
+    settled = e.active & (e.t > verdict.start_s + SETTLED_S)
+    means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
+    friction = friction_in_spreads(verdict, nominal)
+    return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
+
+
+def _shared(outcome: Outcome, label: str, why: str, rig: Rig) -> Outcome:
+    """The outcome with its verdict, which may as well be of another label; why: a reason to tell."""
+    found = outcome.isolation
+    if found is None:
+        return outcome
+    verdict = or_as_well(found.verdict, label, why)
+    events = tuple(
+        or_as_well(event, label, why) if event.start_s == verdict.start_s else event for event in found.events
+    )
+    told = replace(found, verdict=verdict, events=events)
+    words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
+    return replace(outcome, isolation=told, explanation=words)
+
+
 def without(log: Log, channel: int) -> Log:
     """The log without the readings of a channel."""
     z = log.z.copy()
@@ -68,8 +192,10 @@ def without(log: Log, channel: int) -> Log:
     return replace(log, z=z)
 
 
-def of_the_rest(outcome: Outcome, rest: Outcome, channel: int, rig: Rig) -> Outcome:
-    """`rest`, the verdict on a log without a `channel`, where a hypothesis of the actuator explains it.
+def of_the_rest(
+    outcome: Outcome, rest: Outcome, channels: Sequence[int], rig: Rig, words: str = NOT_AS_FILED
+) -> Outcome:
+    """`rest`, the verdict on a log without one of the `channels`, where a hypothesis of the actuator explains it.
 
     `outcome`, the verdict with it, else, and where the rest is healthy and a sensor is what fails.
     """
@@ -79,12 +205,12 @@ def of_the_rest(outcome: Outcome, rest: Outcome, channel: int, rig: Rig) -> Outc
     fits = found.consistency.nis_mean <= FITS * found.consistency.nis_expected
     if not fits or (found.verdict.label == NOMINAL and before.verdict.label == "sensor_fault"):
         return outcome
-    column = COLUMNS[CHANNELS[channel]]
+    column = " or ".join(COLUMNS[CHANNELS[c]] for c in channels)
     events = tuple(_told(event, column) for event in found.events)
     told = replace(found, verdict=_told(found.verdict, column), events=events)
-    warnings = (NOT_AS_FILED.format(column), *rest.warnings)
-    words = rest.explanation if rest.log is None else explanation(told, rig, rest.log)
-    return replace(rest, isolation=told, warnings=warnings, explanation=words)
+    warnings = (words.format(column), *rest.warnings)
+    said = rest.explanation if rest.log is None else explanation(told, rig, rest.log)
+    return replace(rest, isolation=told, warnings=warnings, explanation=said)
 
 
 def _told(event: Event, column: str) -> Event:
