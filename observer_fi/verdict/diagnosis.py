@@ -53,7 +53,7 @@ from observer_fi.verdict.logger.left_out import (
     left_out,
     may_be_a_channel,
     of_the_rest,
-    or_the_position,
+    or_another,
     told_alone,
     without,
 )
@@ -123,7 +123,7 @@ def diagnose(
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
-    outcome = or_the_position(outcome, read, rig, settings)
+    outcome = or_another(outcome, read, rig, settings)
     for other, choose in _taken_otherwise(outcome, read, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
@@ -187,7 +187,7 @@ def judged(
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
-    outcome = or_the_position(outcome, lambda: given, rig, settings)
+    outcome = or_another(outcome, lambda: given, rig, settings)
     for other, choose in _taken_otherwise(outcome, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)

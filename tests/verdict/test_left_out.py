@@ -13,7 +13,7 @@ from observer_fi.physics import load_rig, with_values
 from observer_fi.records import Event, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.logger.left_out import left_out, or_the_position, told_alone, without
+from observer_fi.verdict.logger.left_out import left_out, or_another, told_alone, without
 
 RIG, SETTINGS = load_rig(), Settings()
 V, A, X = "voltage_v", "current_a", "position_m"
@@ -139,7 +139,7 @@ def test_what_the_position_tells_alone_is_told_with_what_the_motor_says(label: s
     wrong = sure_of(label, spec.fault.onset_s or 1.0, found.verdict.end_s)
     wrong = wrong._replace(start_s=found.verdict.start_s)
     said = replace(outcome, isolation=replace(found, verdict=wrong, events=(wrong,)))
-    told = or_the_position(said, lambda: log, RIG, SETTINGS).isolation
+    told = or_another(said, lambda: log, RIG, SETTINGS).isolation
     assert told is not None
     assert (told.verdict.probability, told.verdict.alike) == (0.5, (other,))
     assert told.events[0] == told.verdict

@@ -56,7 +56,8 @@ NO_LOAD_GONE = (
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
-ELECTRICAL = tuple(CHANNELS.index(name) for name in ("voltage", "current"))
+OR_THE_OTHER = "{0} and {1} contradict each other, and either may be the one that is wrong: without {1} the log is healthy"
+ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
 
@@ -103,32 +104,61 @@ def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[
     until = _until(log, verdict, rig)
     if until is None:
         return ()
-    return tuple(c for c in ELECTRICAL if _healthy_without(until, c, verdict, rig, settings).explains)
+    names = (name for name in ELECTRICAL if _healthy_without(until, name, verdict, rig, settings).explains)
+    return tuple(CHANNELS.index(name) for name in names)
 
 
-def or_the_position(outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
-    """An outcome that is sure of what voltage and current do not say, shared with what they do say.
+def or_another(outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
+    """An outcome that is sure of what the other channels do not say, shared with what they say."""
+    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
+    if verdict is None or verdict.probability <= SURE:
+        return outcome
+    if verdict.label in ("coupling_loss", "slip"):
+        return _or_the_position(outcome, verdict, read, rig, settings)
+    if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
+        return _or_the_other(outcome, verdict, read, rig, settings)
+    return outcome
+
+
+def _or_the_position(
+    outcome: Outcome, verdict: Event, read: Callable[[], Log], rig: Rig, settings: Settings
+) -> Outcome:
+    """A fault that the position tells, shared with what voltage and current say of the motor.
 
     A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
     failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
     """
-    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
-    other = {"coupling_loss": "sensor_fault", "slip": "overload"}.get(verdict.label) if verdict else None
-    if verdict is None or other is None or verdict.probability <= SURE:
-        return outcome
     until = _until(read(), verdict, rig)
     if until is None:
         return outcome
-    motor = _healthy_without(until, CHANNELS.index("position"), verdict, rig, settings)
-    if other == "sensor_fault":
-        return _shared(outcome, other, NO_LOAD_GONE, rig) if motor.explains else outcome
-    return _shared(outcome, other, A_LOAD_CAME, rig) if motor.sees_a_change(verdict.onset_s) else outcome
+    motor = _healthy_without(until, "position", verdict, rig, settings)
+    if verdict.label == "coupling_loss" and motor.explains:
+        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
+    if verdict.label == "slip" and motor.sees_a_change(verdict.onset_s):
+        return _shared(outcome, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
+    return outcome
+
+
+def _or_the_other(
+    outcome: Outcome, verdict: Event, read: Callable[[], Log], rig: Rig, settings: Settings
+) -> Outcome:
+    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one."""
+    (other,) = set(ELECTRICAL) - {verdict.channel}
+    until = _until(read(), verdict, rig)
+    if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
+        return outcome
+    why = OR_THE_OTHER.format(COLUMNS[verdict.channel or ""], COLUMNS[other])
+    return _shared(
+        outcome,
+        lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
+        rig,
+    )
 
 
 def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
     """The log up to the end of a verdict's move, None where that is not at hand or voltage and current are not told."""
     first = log.part(slice(0, CHUNK_ROWS))
-    whole = all(np.isfinite(first.z[:, c]).any() for c in ELECTRICAL)
+    whole = all(np.isfinite(first.z[:, CHANNELS.index(name)]).any() for name in ELECTRICAL)
     if not (rig.watched.servo and rig.driven.motor and whole) or verdict.end_s > first.t[-1]:
         return None
     return first.part(slice(0, int(np.searchsorted(first.t, verdict.end_s, "right"))))
@@ -158,8 +188,8 @@ class _Healthy(NamedTuple):
         return bool(self.means.max(initial=0.0) > max(LIMIT, CHANGES * before))
 
 
-def _healthy_without(log: Log, channel: int, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
-    log = commanded(without(log, channel), rig)
+def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
+    log = commanded(without(log, CHANNELS.index(channel)), rig)
     known = AsLogged(log, rig, settings.bank)
     taken = known.take(log)
     hypotheses = Bank(known.rig, known.settings).hypotheses
@@ -171,16 +201,14 @@ def _healthy_without(log: Log, channel: int, verdict: Event, rig: Rig, settings:
     return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
 
 
-def _shared(outcome: Outcome, label: str, why: str, rig: Rig) -> Outcome:
-    """The outcome with its verdict, which may as well be of another label; why: a reason to tell."""
+def _shared(outcome: Outcome, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
+    """The outcome with its verdict, and the event that this is, in doubt."""
     found = outcome.isolation
     if found is None:
         return outcome
-    verdict = or_as_well(found.verdict, label, why)
-    events = tuple(
-        or_as_well(event, label, why) if event.start_s == verdict.start_s else event for event in found.events
-    )
-    told = replace(found, verdict=verdict, events=events)
+    start_s = found.verdict.start_s
+    events = tuple(doubted(event) if event.start_s == start_s else event for event in found.events)
+    told = replace(found, verdict=doubted(found.verdict), events=events)
     words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
     return replace(outcome, isolation=told, explanation=words)
 
