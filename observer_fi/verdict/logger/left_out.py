@@ -56,7 +56,7 @@ NO_LOAD_GONE = (
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
-OR_THE_OTHER = "{0} and {1} contradict each other, and either may be the one that is wrong: without {1} the log is healthy"
+OR_THE_OTHER = "{0} and {1} contradict each other, and either may be the one that is wrong: the log is healthy without {1}, and not without {0}"
 ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
@@ -142,12 +142,15 @@ def _or_the_position(
 def _or_the_other(
     outcome: Outcome, verdict: Event, read: Callable[[], Log], rig: Rig, settings: Settings
 ) -> Outcome:
-    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one."""
-    (other,) = set(ELECTRICAL) - {verdict.channel}
+    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one only."""
+    own = verdict.channel or ""
+    (other,) = set(ELECTRICAL) - {own}
     until = _until(read(), verdict, rig)
     if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
         return outcome
-    why = OR_THE_OTHER.format(COLUMNS[verdict.channel or ""], COLUMNS[other])
+    if _healthy_without(until, own, verdict, rig, settings).explains:
+        return outcome
+    why = OR_THE_OTHER.format(COLUMNS[own], COLUMNS[other])
     return _shared(
         outcome,
         lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
