@@ -56,7 +56,7 @@ NO_LOAD_GONE = (
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
-OR_THE_OTHER = "{0} and {1} contradict each other, and either may be the one that is wrong: the log is healthy without {1}, and not without {0}"
+OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
 ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
@@ -134,7 +134,7 @@ def _or_the_position(
     motor = _healthy_without(until, "position", verdict, rig, settings)
     if verdict.label == "coupling_loss" and motor.explains:
         return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
-    if verdict.label == "slip" and motor.sees_a_change(verdict.onset_s):
+    if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
         return _shared(outcome, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
     return outcome
 
@@ -209,8 +209,8 @@ def _shared(outcome: Outcome, doubted: Callable[[Event], Event], rig: Rig) -> Ou
     found = outcome.isolation
     if found is None:
         return outcome
-    start_s = found.verdict.start_s
-    events = tuple(doubted(event) if event.start_s == start_s else event for event in found.events)
+    which = found.verdict.start_s, found.verdict.label
+    events = tuple(doubted(e) if (e.start_s, e.label) == which else e for e in found.events)
     told = replace(found, verdict=doubted(found.verdict), events=events)
     words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
     return replace(outcome, isolation=told, explanation=words)
