@@ -123,8 +123,9 @@ def diagnose(
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
-    outcome = or_another(outcome, read, rig, settings)
-    for other, choose in _taken_otherwise(outcome, read, rig, settings):
+    begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
+    outcome = or_another(outcome, begin, rig, settings)
+    for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
         told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
@@ -140,9 +141,11 @@ def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
 
 
 def _taken_otherwise(
-    outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings
+    outcome: Outcome, read: Callable[[], Log], begin: Callable[[], Log], rig: Rig, settings: Settings
 ) -> Iterator[tuple[Log, Callable[[Outcome, Outcome], Outcome]]]:
     """A log in other ways, where its outcome asks for them, each with what chooses between that and the outcome of this one.
+
+    read: the log; begin: its first chunk at least.
 
     With the command that its servo followed; without a channel that contradicts the others from the first motion on, and
     without one that alone tells a fault of the actuator.
@@ -156,7 +159,7 @@ def _taken_otherwise(
             yield without(read(), channel), partial(of_the_rest, channels=(channel,), rig=rig)
     found = outcome.isolation
     if found is not None and is_of_the_actuator(found.verdict):
-        alone = told_alone(read(), found.verdict, rig, settings)
+        alone = told_alone(begin(), found.verdict, rig, settings)
         if alone:
             choose = partial(of_the_rest, channels=alone, rig=rig, words=TOLD_BY_ONE)
             yield without(read(), alone[0]), choose
@@ -188,7 +191,7 @@ def judged(
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_another(outcome, lambda: given, rig, settings)
-    for other, choose in _taken_otherwise(outcome, lambda: given, rig, settings):
+    for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)
         if found is not outcome:

@@ -90,45 +90,51 @@ def left_out(log: Log, rig: Rig, settings: Settings) -> int | None:
 
 
 def is_of_the_actuator(verdict: Event) -> bool:
-    """Whether a verdict is a fault of the actuator that has a name, likelier than all else."""
+    """Whether a verdict is a fault of the actuator, likelier than all else; one without a name where it begins with the motion.
+
+    What a changed circuit is told with its size is the motor's.
+    """
     row = FAULTS.get(verdict.label)
-    named = row is not None and not row.by_channel and verdict.label != UNKNOWN
-    return named and verdict.probability > ONE_OF_TWO
+    if row is None or row.by_channel or verdict.probability <= ONE_OF_TWO:
+        return False
+    return verdict.label != UNKNOWN or (not verdict.severity and begins_with_the_motion(verdict))
 
 
 def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[int, ...]:
     """Indices of those of voltage and current without which a log is healthy up to the end of the verdict's move.
 
-    None of them where that ends behind the first samples that are at hand.
+    None of them where that ends behind the first samples that are at hand, nor both where the verdict has no name: a circuit
+    may have changed.
     """
     until = _until(log, verdict, rig)
     if until is None:
         return ()
     names = (name for name in ELECTRICAL if _healthy_without(until, name, verdict, rig, settings).explains)
-    return tuple(CHANNELS.index(name) for name in names)
+    found = tuple(CHANNELS.index(name) for name in names)
+    return () if verdict.label == UNKNOWN and len(found) > 1 else found
 
 
-def or_another(outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
-    """An outcome that is sure of what the other channels do not say, shared with what they say."""
+def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
+    """An outcome that is sure of what the other channels do not say, shared with what they say. begin: the first chunk."""
     verdict = outcome.isolation.verdict if outcome.isolation is not None else None
     if verdict is None or verdict.probability <= SURE:
         return outcome
     if verdict.label in ("coupling_loss", "slip"):
-        return _or_the_position(outcome, verdict, read, rig, settings)
+        return _or_the_position(outcome, verdict, begin, rig, settings)
     if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
-        return _or_the_other(outcome, verdict, read, rig, settings)
+        return _or_the_other(outcome, verdict, begin, rig, settings)
     return outcome
 
 
 def _or_the_position(
-    outcome: Outcome, verdict: Event, read: Callable[[], Log], rig: Rig, settings: Settings
+    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
 ) -> Outcome:
     """A fault that the position tells, shared with what voltage and current say of the motor.
 
     A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
     failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
     """
-    until = _until(read(), verdict, rig)
+    until = _until(begin(), verdict, rig)
     if until is None:
         return outcome
     motor = _healthy_without(until, "position", verdict, rig, settings)
@@ -140,12 +146,12 @@ def _or_the_position(
 
 
 def _or_the_other(
-    outcome: Outcome, verdict: Event, read: Callable[[], Log], rig: Rig, settings: Settings
+    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
 ) -> Outcome:
     """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one only."""
     own = verdict.channel or ""
     (other,) = set(ELECTRICAL) - {own}
-    until = _until(read(), verdict, rig)
+    until = _until(begin(), verdict, rig)
     if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
         return outcome
     if _healthy_without(until, own, verdict, rig, settings).explains:
@@ -180,7 +186,7 @@ class _Healthy(NamedTuple):
     @property
     def explains(self) -> bool:
         """Whether every move is healthy, no mean stays on one side, and friction is what many rigs have."""
-        usual = self.friction is None or self.friction < UNUSUAL
+        usual = self.friction is None or abs(self.friction) < UNUSUAL
         return self.misfit <= EXPLAINED and self.means.max(initial=0.0) <= LIMIT and usual
 
     def sees_a_change(self, onset_s: float | None) -> bool:
