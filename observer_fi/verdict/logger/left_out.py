@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
+from observer_fi.logs import CHUNK_ROWS, is_recovered, log_segments, suspect_units
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
 from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
@@ -54,6 +54,7 @@ NO_LOAD_GONE = (
     "wrong"
 )
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
+OF_THE_COMMAND = "speed_cmd_rad_s was recovered from voltage and current: where one of them is wrong from the start on, so is the command"
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
 OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
@@ -123,6 +124,9 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
         return _or_the_position(outcome, verdict, begin, rig, settings)
     if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
         return _or_the_other(outcome, verdict, begin, rig, settings)
+    nameless = verdict.label == UNKNOWN and not verdict.severity and begins_with_the_motion(verdict)
+    if nameless and outcome.log is not None and is_recovered(outcome.log):
+        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
     return outcome
 
 
