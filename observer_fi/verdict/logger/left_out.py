@@ -54,7 +54,9 @@ NO_LOAD_GONE = (
     "wrong"
 )
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
-OF_THE_COMMAND = "speed_cmd_rad_s was recovered from voltage and current: where one of them is wrong from the start on, so is the command"
+OF_THE_COMMAND = (
+    "the command was recovered from voltage and current: where one of them is wrong, so is the command"
+)
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
 OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
