@@ -59,6 +59,11 @@ def test_health_without_the_channel_may_be_a_sensor_that_had_failed() -> None:
 def test_no_channel_of_an_ordinary_log_is_left_out() -> None:
     log = log_from_frame(make_log(draw_move_case(3320006, "nominal"), 3320006)[0])
     assert left_out(log, RIG, SETTINGS) is None
+    found = diagnose_log(log, RIG, SETTINGS)
+    assert found.isolation is not None
+    verdict = found.isolation.verdict
+    assert (verdict.label, verdict.alike, found.warnings) == ("nominal", (), ())
+    assert verdict.probability > 0.95
 
 
 @pytest.mark.parametrize("values", [{"Km": 0.8}, {"Rm": 2.0}, {"J": 3.0}])

@@ -98,7 +98,7 @@ def is_of_the_actuator(verdict: Event) -> bool:
     What a changed circuit is told with its size is the motor's.
     """
     row = FAULTS.get(verdict.label)
-    if row is None or row.by_channel or verdict.probability <= ONE_OF_TWO:
+    if verdict.label == NOMINAL or row is None or row.by_channel or verdict.probability <= ONE_OF_TWO:
         return False
     return verdict.label != UNKNOWN or (not verdict.severity and begins_with_the_motion(verdict))
 
