@@ -47,7 +47,16 @@ from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
-from observer_fi.verdict.logger.left_out import left_out, may_be_a_channel, of_the_rest, without
+from observer_fi.verdict.logger.left_out import (
+    TOLD_BY_ONE,
+    is_of_the_actuator,
+    left_out,
+    may_be_a_channel,
+    of_the_rest,
+    or_another,
+    told_alone,
+    without,
+)
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
@@ -115,7 +124,9 @@ def diagnose(
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
-    for other, choose in _taken_otherwise(outcome, read, rig, settings):
+    begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
+    outcome = or_another(outcome, begin, rig, settings)
+    for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
         told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
@@ -131,21 +142,28 @@ def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
 
 
 def _taken_otherwise(
-    outcome: Outcome, read: Callable[[], Log], rig: Rig, settings: Settings
+    outcome: Outcome, read: Callable[[], Log], begin: Callable[[], Log], rig: Rig, settings: Settings
 ) -> Iterator[tuple[Log, Callable[[Outcome, Outcome], Outcome]]]:
     """A log in other ways, where its outcome asks for them, each with what chooses between that and the outcome of this one.
 
-    With the command that its servo followed; without a channel that contradicts the others from the first motion on.
+    read: the log; begin: its first chunk at least.
+
+    With the command that its servo followed; without a channel that contradicts the others from the first motion on, and
+    without one that alone tells a fault of the actuator.
     """
     followed = as_followed(read(), rig) if is_odd(outcome) else None
     if followed is not None:
         yield followed, better
-    if not may_be_a_channel(outcome):
-        return
-    log = read()
-    channel = left_out(log, rig, settings)
-    if channel is not None:
-        yield without(log, channel), partial(of_the_rest, channel=channel, rig=rig)
+    if may_be_a_channel(outcome):
+        channel = left_out(read(), rig, settings)
+        if channel is not None:
+            yield without(read(), channel), partial(of_the_rest, channels=(channel,), rig=rig)
+    found = outcome.isolation
+    if found is not None and is_of_the_actuator(found.verdict):
+        alone = told_alone(begin(), found.verdict, rig, settings)
+        if alone:
+            choose = partial(of_the_rest, channels=alone, rig=rig, words=TOLD_BY_ONE)
+            yield without(read(), alone[0]), choose
 
 
 def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
@@ -173,7 +191,8 @@ def judged(
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
-    for other, choose in _taken_otherwise(outcome, lambda: given, rig, settings):
+    outcome = or_another(outcome, lambda: given, rig, settings)
+    for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)
         if found is not outcome:

@@ -52,15 +52,16 @@ class Drift:
             self.since = float(t[first])
 
 
-def largest_means(normalised: Array, interval: float) -> Array:
-    """The largest mean of any channel over any of the times, in its standard deviations, at each of (n, 3) innovations, (n,).
+def largest_means(normalised: Array, interval: float, channels: slice = CHANNELS) -> Array:
+    """The largest mean of any of the channels over any of the times, in its standard deviations, at each of (n, 3) innovations,
+    (n,).
 
     They come after a long calm.
     """
-    z, largest = np.nan_to_num(normalised[:, CHANNELS]), np.zeros(len(normalised))
+    z, largest = np.nan_to_num(normalised[:, channels]), np.zeros(len(normalised))
     for time in TIMES_S:
         weight = min(interval / time, 1.0)
-        mean = weighted_means(z, weight, np.zeros(2))
+        mean = weighted_means(z, weight, np.zeros(z.shape[1]))
         largest = np.maximum(largest, np.abs(mean).max(axis=1) / np.sqrt(weight / (2.0 - weight)))
     return largest
 
@@ -78,12 +79,17 @@ def or_else(event: Event, label: str, why: str = "") -> Event:
     return event._replace(probability=0.5, posterior=posterior, alike=(label,), reasons=reasons)
 
 
-def or_healthy(event: Event, why: str) -> Event:
-    """A faulty event that may as well be none; why: a reason to tell."""
-    posterior = dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 0.5, event.label: 0.5}
-    alike = tuple(dict.fromkeys((*event.alike, NOMINAL)))
+def or_as_well(event: Event, label: str, why: str) -> Event:
+    """A faulty event that may as well be of this label; why: a reason to tell."""
+    posterior = dict.fromkeys(event.posterior, 0.0) | {label: 0.5, event.label: 0.5}
+    alike = tuple(dict.fromkeys((*event.alike, label)))
     reasons = (*event.reasons, why)
     return event._replace(probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=reasons)
+
+
+def or_healthy(event: Event, why: str) -> Event:
+    """A faulty event that may as well be none; why: a reason to tell."""
+    return or_as_well(event, NOMINAL, why)
 
 
 def raised_friction(event: Event, bank: Bank, strain_limit: float) -> Event:

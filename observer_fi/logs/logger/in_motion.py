@@ -19,13 +19,15 @@ DEGREE = 12  # of a polynomial over a half, which follows up to 40 Hz
 # Noise so many times that at rest comes with the motion if no two stretches of so many samples lack their share of what is more.
 MUCH, STRETCH, SHARE, QUIET = 3.0, 32, 0.25, 0.5
 FEWEST_QUIET = 4  # stretches from which the begin of a log tells its noise
+GONE = 0.5  # of what is more in motion: so much is no longer there in the rest behind it
 
 
 def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) -> float:
     """By what the noise of readings is more in the log's first steady motion than at rest, 1 where it is not.
 
     Brushes and a converter that switches make such noise, white or of single lines. What moves leaves nothing of fourth
-    differences; where the noise begins on the way, it is no logger's. least: noise [unit of z] that is no less at rest.
+    differences; where the noise begins on the way, or is not over with the motion, it is no logger's. least: noise [unit of z]
+    that is no less at rest.
     """
     halves = _steady_halves(t, w_cmd)
     at_rest = _fourth(z[rest])
@@ -36,7 +38,9 @@ def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) 
     ratio = max(
         white / usual, math.hypot(usual, _of_lines([_bent(t[half], z[half]) for half in halves])) / usual
     )
-    return ratio if ratio > MORE and _throughout(t, z, w_cmd, white, at_rest) else 1.0
+    if ratio <= MORE or not _throughout(t, z, w_cmd, white, at_rest) or _stays(t, z, w_cmd, white, at_rest):
+        return 1.0
+    return ratio
 
 
 def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> bool:
@@ -65,6 +69,24 @@ def quiet_begin(z: Array, end: int, loud: float) -> slice:
     other = np.flatnonzero(~((levels > 0.0) & (levels < loud)))
     count = int(other[0]) if other.size else levels.size
     return slice(0, count * STRETCH if count >= FEWEST_QUIET else 0)
+
+
+def _stays(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> bool:
+    """Whether much noise that came with the first motion stays in the rest behind it: it is none of the motion's.
+
+    steady, at_rest: noise in motion and at the rest before it [unit of z].
+    """
+    if not steady > MUCH * at_rest:
+        return False
+    first = int(np.flatnonzero(w_cmd != 0.0)[0])
+    stops = np.flatnonzero(w_cmd[first:] == 0.0)
+    if not stops.size:
+        return False
+    stop = first + int(stops[0])
+    again = np.flatnonzero(w_cmd[stop:] != 0.0)
+    end = stop + int(again[0]) if again.size else t.size
+    after = _fourth(z[int(np.searchsorted(t, t[stop] + RING_S)) : end])
+    return after > at_rest + GONE * (steady - at_rest)
 
 
 def _steady_halves(t: Array, w_cmd: Array) -> tuple[slice, slice] | None:

@@ -3,23 +3,38 @@
 Another unit, a leak between channels, a rectifier or a curved characteristic spoil one channel in every move. Without it the
 first start is explained by what is left, with it by nothing; the log is then judged without it. Which channel it is must be
 told: where two may be left out, neither is. A rig file of another machine explains its starts without none.
+
+Nor is a fault of the actuator certain that one of voltage and current tells alone: what loads a motor, or lets go of it, shows in
+both. Without the other one the whole move is then healthy.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
-from observer_fi.physics import COLUMNS, NOMINAL, UNKNOWN, Rig, commanded
-from observer_fi.records import CHANNELS, Event, Log, Outcome
+from observer_fi.logs import CHUNK_ROWS, is_recovered, log_segments, suspect_units
+from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
+from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import SURE, mostly, or_else
+from observer_fi.verdict.drift import (
+    LIMIT,
+    SURE,
+    UNUSUAL,
+    friction_in_spreads,
+    largest_means,
+    mostly,
+    or_as_well,
+    or_else,
+)
 from observer_fi.verdict.explain import explanation
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import first_start
 from observer_fi.verdict.moves.of_the_day import told_by
+from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.wrong_rig import begins_with_the_motion
 
 # Times the expected NIS of a start: with all channels, and without the one that is wrong.
@@ -30,7 +45,23 @@ NOT_AS_FILED = (
     "without it. It is read, scaled or filtered in another way than the rig file says, or had failed before: look at it with "
     "observer-fi inspect"
 )
-_EITHER = "without {}, which contradicts the others from the first motion on, the actuator is healthy"
+TOLD_BY_ONE = (
+    "without {} the log is that of a healthy actuator from its first sample to the end of the move, and no fault of the actuator "
+    "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
+)
+NO_LOAD_GONE = (
+    "voltage and current of the motor are those of a healthy move, as no lost coupling leaves them: the position may as well be "
+    "wrong"
+)
+A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
+OF_THE_COMMAND = (
+    "the command was recovered from voltage and current: where one of them is wrong, so is the command"
+)
+CHANGES = 2.0  # times what means of innovations were before
+ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
+OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
+ELECTRICAL = ("voltage", "current")
+_EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
 
 def may_be_a_channel(outcome: Outcome) -> bool:
@@ -61,6 +92,142 @@ def left_out(log: Log, rig: Rig, settings: Settings) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
+def is_of_the_actuator(verdict: Event) -> bool:
+    """Whether a verdict is a fault of the actuator, likelier than all else; one without a name where it begins with the motion.
+
+    What a changed circuit is told with its size is the motor's.
+    """
+    row = FAULTS.get(verdict.label)
+    if verdict.label == NOMINAL or row is None or row.by_channel or verdict.probability <= ONE_OF_TWO:
+        return False
+    return verdict.label != UNKNOWN or (not verdict.severity and begins_with_the_motion(verdict))
+
+
+def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[int, ...]:
+    """Indices of those of voltage and current without which a log is healthy up to the end of the verdict's move.
+
+    None of them where that ends behind the first samples that are at hand, nor both where the verdict has no name: a circuit
+    may have changed.
+    """
+    until = _until(log, verdict, rig)
+    if until is None:
+        return ()
+    names = (name for name in ELECTRICAL if _healthy_without(until, name, verdict, rig, settings).explains)
+    found = tuple(CHANNELS.index(name) for name in names)
+    return () if verdict.label == UNKNOWN and len(found) > 1 else found
+
+
+def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
+    """An outcome that is sure of what the other channels do not say, shared with what they say. begin: the first chunk."""
+    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
+    if verdict is None or verdict.probability <= SURE:
+        return outcome
+    if verdict.label in ("coupling_loss", "slip"):
+        return _or_the_position(outcome, verdict, begin, rig, settings)
+    if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
+        return _or_the_other(outcome, verdict, begin, rig, settings)
+    nameless = verdict.label == UNKNOWN and not verdict.severity and begins_with_the_motion(verdict)
+    if nameless and outcome.log is not None and is_recovered(outcome.log):
+        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
+    return outcome
+
+
+def _or_the_position(
+    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
+) -> Outcome:
+    """A fault that the position tells, shared with what voltage and current say of the motor.
+
+    A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
+    failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
+    """
+    until = _until(begin(), verdict, rig)
+    if until is None:
+        return outcome
+    motor = _healthy_without(until, "position", verdict, rig, settings)
+    if verdict.label == "coupling_loss" and motor.explains:
+        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
+    if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
+        return _shared(outcome, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
+    return outcome
+
+
+def _or_the_other(
+    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
+) -> Outcome:
+    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one only."""
+    own = verdict.channel or ""
+    (other,) = set(ELECTRICAL) - {own}
+    until = _until(begin(), verdict, rig)
+    if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
+        return outcome
+    if _healthy_without(until, own, verdict, rig, settings).explains:
+        return outcome
+    why = OR_THE_OTHER.format(COLUMNS[own], COLUMNS[other])
+    return _shared(
+        outcome,
+        lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
+        rig,
+    )
+
+
+def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
+    """The log up to the end of a verdict's move, None where that is not at hand or voltage and current are not told."""
+    first = log.part(slice(0, CHUNK_ROWS))
+    whole = all(np.isfinite(first.z[:, CHANNELS.index(name)]).any() for name in ELECTRICAL)
+    if not (rig.watched.servo and rig.driven.motor and whole) or verdict.end_s > first.t[-1]:
+        return None
+    return first.part(slice(0, int(np.searchsorted(first.t, verdict.end_s, "right"))))
+
+
+class _Healthy(NamedTuple):
+    """How nominal explains a log: NIS over its expectation; times (n,) [s] in the verdict's move once its start has settled, and
+    the largest means (n,) of innovations then; the friction, in spreads from rig to rig.
+    """
+
+    misfit: float
+    t: Array
+    means: Array
+    friction: float | None
+
+    @property
+    def explains(self) -> bool:
+        """Whether every move is healthy, no mean stays on one side, and friction is what many rigs have."""
+        usual = self.friction is None or abs(self.friction) < UNUSUAL
+        return self.misfit <= EXPLAINED and self.means.max(initial=0.0) <= LIMIT and usual
+
+    def sees_a_change(self, onset_s: float | None) -> bool:
+        """Whether means leave where they were before an onset."""
+        if onset_s is None:
+            return False
+        before = self.means[self.t < onset_s].max(initial=0.0)
+        return bool(self.means.max(initial=0.0) > max(LIMIT, CHANGES * before))
+
+
+def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
+    log = commanded(without(log, CHANNELS.index(channel)), rig)
+    known = AsLogged(log, rig, settings.bank)
+    taken = known.take(log)
+    hypotheses = Bank(known.rig, known.settings).hypotheses
+    nominal = Bank(known.rig, known.settings, hypotheses=hypotheses[:1])
+    e = nominal.advance(taken)
+    settled = e.active & (e.t > verdict.start_s + SETTLED_S)
+    means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
+    friction = friction_in_spreads(verdict, nominal)
+    return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
+
+
+def _shared(outcome: Outcome, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
+    """The outcome with its verdict, and the event that this is, in doubt."""
+    found = outcome.isolation
+    if found is None:
+        return outcome
+    which = found.verdict.start_s, found.verdict.label
+    events = tuple(doubted(e) if (e.start_s, e.label) == which else e for e in found.events)
+    told = replace(found, verdict=doubted(found.verdict), events=events)
+    words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
+    return replace(outcome, isolation=told, explanation=words)
+
+
 def without(log: Log, channel: int) -> Log:
     """The log without the readings of a channel."""
     z = log.z.copy()
@@ -68,8 +235,10 @@ def without(log: Log, channel: int) -> Log:
     return replace(log, z=z)
 
 
-def of_the_rest(outcome: Outcome, rest: Outcome, channel: int, rig: Rig) -> Outcome:
-    """`rest`, the verdict on a log without a `channel`, where a hypothesis of the actuator explains it.
+def of_the_rest(
+    outcome: Outcome, rest: Outcome, channels: Sequence[int], rig: Rig, words: str = NOT_AS_FILED
+) -> Outcome:
+    """`rest`, the verdict on a log without one of the `channels`, where a hypothesis of the actuator explains it.
 
     `outcome`, the verdict with it, else, and where the rest is healthy and a sensor is what fails.
     """
@@ -79,12 +248,12 @@ def of_the_rest(outcome: Outcome, rest: Outcome, channel: int, rig: Rig) -> Outc
     fits = found.consistency.nis_mean <= FITS * found.consistency.nis_expected
     if not fits or (found.verdict.label == NOMINAL and before.verdict.label == "sensor_fault"):
         return outcome
-    column = COLUMNS[CHANNELS[channel]]
+    column = " or ".join(COLUMNS[CHANNELS[c]] for c in channels)
     events = tuple(_told(event, column) for event in found.events)
     told = replace(found, verdict=_told(found.verdict, column), events=events)
-    warnings = (NOT_AS_FILED.format(column), *rest.warnings)
-    words = rest.explanation if rest.log is None else explanation(told, rig, rest.log)
-    return replace(rest, isolation=told, warnings=warnings, explanation=words)
+    warnings = (words.format(column), *rest.warnings)
+    said = rest.explanation if rest.log is None else explanation(told, rig, rest.log)
+    return replace(rest, isolation=told, warnings=warnings, explanation=said)
 
 
 def _told(event: Event, column: str) -> Event:

@@ -555,6 +555,13 @@ def test_noise_that_begins_on_the_way_is_no_trait() -> None:
         assert traits_of(with_motion(seed, 1, np.where(t > begun, 8.0, 1.0))).current.moving == 1.0
 
 
+def test_noise_that_stays_behind_the_motion_is_no_trait() -> None:
+    for seed in range(20):
+        t = signal(seed).t
+        begun = t[np.flatnonzero(command(t))[0]] + 0.002
+        assert traits_of(with_motion(seed, 1, np.where(t > begun, 8.0, 1.0))).current.moving == 1.0
+
+
 def test_a_rest_without_noise_or_of_few_readings_tells_of_none_in_motion() -> None:
     log = with_motion(3, 2, np.full(signal(3).t.size, 3.0))
     rest = np.abs(command(log.t)) == 0.0
