@@ -25,7 +25,7 @@ from observer_fi.logs import (
     unfiltered,
     with_command,
     with_logger,
-    without_inductance,
+    without_winding,
 )
 from observer_fi.physics import CAUSES, PARAMETERS, Rig, to_table, with_curve
 from observer_fi.records import Filter, Log, Segment
@@ -118,10 +118,9 @@ def improve(
             )
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
-    winding, rig = rig.inductance, replace(rig, inductance=None)
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
-    if winding:
-        commanded = [without_inductance(log, winding.value) for log in commanded]
+    commanded = [without_winding(log, rig) for log in commanded]
+    winding, rig = rig.inductance, replace(rig, inductance=None)
     filters = campaign_filters(commanded, rig).told
     taken = [unfiltered(log, filters) for log in commanded]
     problem = simulated_moves(taken, with_servo(taken, rig), moves, settings, filters)

@@ -44,7 +44,13 @@ from observer_fi.logs.logger.low_pass import (
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
-from observer_fi.logs.logger.winding import Uninductive, change_rate, inductance_of, without_inductance
+from observer_fi.logs.logger.winding import (
+    Uninductive,
+    change_rate,
+    inductance_of,
+    without_inductance,
+    without_winding,
+)
 from observer_fi.logs.moves import (
     Excitation,
     Phase,
@@ -77,6 +83,7 @@ __all__ = [
     "change_rate",
     "inductance_of",
     "without_inductance",
+    "without_winding",
     "means_of",
     "without_means",
     "LowPasses",

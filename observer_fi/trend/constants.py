@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.logs import with_command
+from observer_fi.logs import with_command, without_winding
 from observer_fi.physics import PARAMETERS, Quantity, Rig
 from observer_fi.records import Array, Fit, Log
 from observer_fi.trend.travel import Set, regression
@@ -42,7 +42,7 @@ def quantities(log: Log, rig: Rig) -> tuple[list[Set], dict[str, str], dict[str,
     """Constants of this log, what it cannot tell and why, and its conditions. Raises InvalidLogError where it has no move."""
     from observer_fi.learn import identify  # a second to import, for logs that are new
 
-    log = with_command(log, rig)
+    log = without_winding(with_command(log, rig), rig)
     # A filter is the logger's: looked for in each log for itself, it would come and go with its other constants.
     fit = identify([log], _roomy(rig), filters=False)
     play = _play(log, fit)

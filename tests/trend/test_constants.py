@@ -1,5 +1,7 @@
 """Constants of one log of the independent truth: play as it is, and a fit that ends where the truth is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden import Logger, TruthSpec, draw_rest_integral, draw_rig, effect, make_log
@@ -7,7 +9,7 @@ from hidden.profiles import there_and_back
 
 from observer_fi.learn import identification
 from observer_fi.logs import log_from_frame
-from observer_fi.physics import load_rig
+from observer_fi.physics import Quantity, load_rig
 from observer_fi.trend import constants, digest_of
 
 
@@ -75,3 +77,23 @@ def test_gains_of_closed_forms_that_are_far_off_lead_no_fit_astray(monkeypatch, 
     assert found["Ki"] == pytest.approx(rig.Ki, rel=0.01)
     assert found["Rm"] == pytest.approx(rig.Rm, rel=0.01)
     assert found["misfit_current"] < np.log(5e-4)  # the noise is 3e-4 A
+
+
+@pytest.mark.parametrize("tau_s", [7e-4, 1.5e-3])
+def test_a_winding_of_the_rig_file_is_taken_out(tau_s):
+    """An inductance that no equation has shows in the resistance or in the gains of the servo."""
+    rng = np.random.default_rng(109230)
+    rig = draw_rig(rng, 0.0)
+    rig = replace(rig, L=tau_s * (rig.Rm + rig.Rs))
+    spec = TruthSpec(
+        there_and_back((300.0, 300.0), (2.0, 2.0), (2.0, 2.0)), rig, substep_hz=16_000.0,
+        start_integral_rad=draw_rest_integral(rng, rig, 2.0),
+    )  # fmt: skip
+    log = log_from_frame(make_log(spec, 109230)[0], "log.csv")
+    left = []
+    for inductance in (None, Quantity(rig.L, "H", "identified")):
+        digest = digest_of(log, replace(load_rig(), inductance=inductance))
+        found = dict(zip(digest.names, digest.value.tolist(), strict=True))
+        left.append([abs(found[name] / getattr(rig, name) - 1.0) for name in ("Rm", "J", "Ki")])
+    assert max(left[1]) < 0.03
+    assert sum(left[1]) < sum(left[0])

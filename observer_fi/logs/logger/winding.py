@@ -145,6 +145,12 @@ def without_inductance(log: Log, inductance: float) -> Log:
     return replace(log, z=z)
 
 
+def without_winding(log: Log, rig: Rig) -> Log:
+    """A whole log without what the inductance of a rig's winding makes of its voltage; as it is where none shows."""
+    L = inductance_of(rig, log.rate_hz)
+    return without_inductance(log, L) if L else log
+
+
 def inductance_of(rig: Rig, rate_hz: float) -> float:
     """The inductance of a rig's winding [H]; 0 where none is known, and where no log of this rate shows it."""
     if rig.inductance is None or not rig.driven.motor or rig.model["Rm"] <= 0.0:
