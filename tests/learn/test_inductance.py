@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import hidden
 import pytest
+from drawn_sheets import drawn_sheet
 
 from observer_fi.learn import identify
 from observer_fi.logs import log_from_frame, with_command
-from observer_fi.physics import DataSheet, Rig, rig_of_sheet
+from observer_fi.physics import Rig, rig_of_sheet
 from observer_fi.records import Fit
 
 
@@ -19,12 +20,7 @@ def fitted(
     actuator = replace(actuator, rig=replace(actuator.rig, L=tau_s * (actuator.rig.Rm + actuator.rig.Rs)))
     if rate_hz:
         actuator = replace(actuator, logger=replace(actuator.logger, rate_hz=rate_hz))
-    truth = actuator.rig
-    sheet = DataSheet(
-        "drawn", drive, resistance=1.03 * truth.Rm, torque_constant=0.97 * truth.Km, rotor_inertia=actuator.rotor,
-        gear=actuator.gear, lead=actuator.lead, mass=actuator.mass, travel=actuator.travel, supply=truth.Vmax,
-    )  # fmt: skip
-    rig = rig_of_sheet(sheet).rig
+    rig = rig_of_sheet(drawn_sheet(actuator, drive)).rig
     frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
     return actuator, rig, identify([with_command(log_from_frame(frame), rig)], rig)
 

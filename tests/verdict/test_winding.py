@@ -5,10 +5,11 @@ from functools import cache
 
 import hidden
 import pytest
+from drawn_sheets import drawn_sheet
 
 from observer_fi.learn import identified_rig, identify, with_equation_errors
 from observer_fi.logs import log_from_frame, with_command, with_logger
-from observer_fi.physics import DataSheet, Rig, rig_of_sheet
+from observer_fi.physics import Rig, rig_of_sheet
 from observer_fi.records import Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
@@ -23,12 +24,7 @@ def learned(drive: str, seed: int, tau_s: float, rate_hz: float) -> tuple[hidden
         rig=replace(drawn.rig, L=tau_s * (drawn.rig.Rm + drawn.rig.Rs)),
         logger=replace(drawn.logger, rate_hz=rate_hz),
     )
-    truth = actuator.rig
-    sheet = DataSheet(
-        "drawn", drive, resistance=1.03 * truth.Rm, torque_constant=0.97 * truth.Km, rotor_inertia=actuator.rotor,
-        gear=actuator.gear, lead=actuator.lead, mass=actuator.mass, travel=actuator.travel, supply=truth.Vmax,
-    )  # fmt: skip
-    rig = rig_of_sheet(sheet).rig
+    rig = rig_of_sheet(drawn_sheet(actuator, drive)).rig
     frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
     log = with_command(log_from_frame(frame), rig)
     found = identified_rig(identify([log], rig), rig)

@@ -194,24 +194,7 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     hold = hold_of(np.round((t - t[0]) / interval).astype(np.int64), z, w_cmd)
     held = hold and hold.every
     step = resolution_of(np.diff(z[there])) if held else step_of(z[there])
-    every = held or 1.0 / float(there.mean())  # rows from one reading to the next
-    told = [(r, _piece(t[r], z[r], held)) for r in rests]
-    told = [
-        (r, p)
-        for r, p in told
-        if p[0].size >= max(min(FEWEST, ENOUGH * (r.stop - r.start)) / every, FEWEST_TICKS)
-    ]
-    pieces = [p for _, p in told]
-    loud = _white(z[told[0][0]] if told else z) / SWITCHED[1]
-    quiet = slice(0) if held else quiet_begin(z, told[0][0].start if told else z.size, loud)
-    if quiet.stop:
-        traits = _in_motion(z[quiet][there[quiet]], step, usual)
-    elif pieces:
-        traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
-        moving = 1.0 if held else more_in_motion(t, z, w_cmd, rests[0], max(usual, step or 0.0))
-        traits = traits._replace(as_white=max(grown, moving) * traits.as_white, grown=grown, moving=moving)
-    else:
-        traits = _in_motion(z[there], step, usual)
+    traits = _noise_of(t, z, w_cmd, rests, usual, step, held, interval)
     noise = math.hypot(traits.noise_std, step or 0.0)
     traits = traits._replace(
         update_hz=held and 1.0 / (held * interval),
@@ -224,6 +207,40 @@ def channel_traits(t: Array, z: Array, w_cmd: Array, rests: Sequence[slice], usu
     else:
         traits = traits._replace(repeats=float(np.mean(np.diff(z[rests[0]]) == 0.0)))
     return traits._replace(offset=_level(z[rests[0]]) if rests else 0.0, read=read)
+
+
+def _noise_of(
+    t: Array,
+    z: Array,
+    w_cmd: Array,
+    rests: Sequence[slice],
+    usual: float,
+    step: float | None,
+    held: float | None,
+    interval: float,
+) -> ChannelTraits:
+    """Noise, lines and colour of readings z (n,) in their rests, or in motion where no rest tells any.
+
+    step: of the readings, held: rows that each is held, None where they have none; interval: of the rows [s].
+    """
+    there = np.isfinite(z)
+    every = held or 1.0 / float(there.mean())  # rows from one reading to the next
+    told = [(r, _piece(t[r], z[r], held)) for r in rests]
+    told = [
+        (r, p)
+        for r, p in told
+        if p[0].size >= max(min(FEWEST, ENOUGH * (r.stop - r.start)) / every, FEWEST_TICKS)
+    ]
+    pieces = [p for _, p in told]
+    loud = _white(z[told[0][0]] if told else z) / SWITCHED[1]
+    quiet = slice(0) if held else quiet_begin(z, told[0][0].start if told else z.size, loud)
+    if quiet.stop:
+        return _in_motion(z[quiet][there[quiet]], step, usual)
+    if not pieces:
+        return _in_motion(z[there], step, usual)
+    traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
+    moving = 1.0 if held else more_in_motion(t, z, w_cmd, rests[0], max(usual, step or 0.0))
+    return traits._replace(as_white=max(grown, moving) * traits.as_white, grown=grown, moving=moving)
 
 
 def _level(z: Array) -> float:

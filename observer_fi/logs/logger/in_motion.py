@@ -38,9 +38,10 @@ def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) 
     ratio = max(
         white / usual, math.hypot(usual, _of_lines([_bent(t[half], z[half]) for half in halves])) / usual
     )
-    if ratio <= MORE or not _throughout(t, z, w_cmd, white, at_rest) or _stays(t, z, w_cmd, white, at_rest):
+    much = white > MUCH * at_rest  # what is less, or of lines, both halves have
+    if much and (not _throughout(t, z, w_cmd, white, at_rest) or _stays(t, z, w_cmd, white, at_rest)):
         return 1.0
-    return ratio
+    return ratio if ratio > MORE else 1.0
 
 
 def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> bool:
@@ -50,8 +51,6 @@ def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float)
     sensor that stands still, which may begin within one, and tell nothing of the noise.
     steady, at_rest: noise in motion and at rest [unit of z].
     """
-    if not steady > MUCH * at_rest:
-        return True
     first = int(np.searchsorted(t, _ramp_end(t, w_cmd)))
     turns = np.flatnonzero(w_cmd[first + 1 :] != w_cmd[first + 1])
     last = first + 1 + int(turns[0]) if turns.size else t.size
@@ -76,8 +75,6 @@ def _stays(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> b
 
     steady, at_rest: noise in motion and at the rest before it [unit of z].
     """
-    if not steady > MUCH * at_rest:
-        return False
     first = int(np.flatnonzero(w_cmd != 0.0)[0])
     stops = np.flatnonzero(w_cmd[first:] == 0.0)
     if not stops.size:
