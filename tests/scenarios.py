@@ -353,7 +353,8 @@ SCENARIOS: tuple[Scenario, ...] = (
     Scenario("junk as Parquet", _file("log.parquet", _noise_bytes), error="not a whole Parquet file"),
     Scenario("junk as TDMS", _file("log.tdms", _noise_bytes), error="not a whole TDMS file"),
     Scenario("junk as LVM", _file("log.lvm", _noise_bytes), error="not a LabVIEW measurement file"),
-    Scenario("unknown kind", _file("log.xlsx", _noise_bytes), error="unknown kind of file"),
+    Scenario("no spreadsheet", _file("log.xlsx", _noise_bytes), error="not a whole spreadsheet"),
+    Scenario("unknown kind", _file("log.doc", _noise_bytes), error="unknown kind of file"),
     Scenario("cut gzip", _truncated_gzip, error="(breaks off|cannot be (read|decoded))"),
 )
 

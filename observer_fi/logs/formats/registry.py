@@ -5,6 +5,7 @@ from pathlib import Path
 
 from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
+from observer_fi.logs.formats.converted import JSONS, SPREADSHEETS
 from observer_fi.logs.formats.csv import open_csv
 from observer_fi.logs.formats.lvm import open_lvm
 from observer_fi.logs.formats.mat import open_mat
@@ -15,11 +16,11 @@ from observer_fi.logs.formats.typed.feather import open_feather
 from observer_fi.logs.formats.typed.parquet import open_parquet
 from observer_fi.logs.tables import Table
 
-_TEXTS = (".csv", ".txt", ".tsv", ".dat")
+_TEXTS = (".csv", ".txt", ".tsv", ".dat", *JSONS)
 _PACKED = (".gz", ".xz", ".bz2", ".zip")
 SUFFIXES = (
     *(text + packed for text in _TEXTS for packed in _PACKED), ".zip", *_TEXTS,
-    ".parquet", ".pq", ".feather", ".arrow", ".tdms", ".lvm", ".mat", ".mf4", ".mdf"
+    *SPREADSHEETS, ".parquet", ".pq", ".feather", ".arrow", ".tdms", ".lvm", ".mat", ".mf4", ".mdf"
 )  # fmt: skip
 SHOWN_SUFFIXES = (
     f"{', '.join(SUFFIXES[len(_TEXTS) * len(_PACKED) + 1 :])}; text also packed as .gz, .xz, .bz2 or .zip"

@@ -4,6 +4,7 @@ import bz2
 import codecs
 import gzip
 import hashlib
+import io
 import lzma
 import os
 import stat
@@ -11,9 +12,11 @@ import weakref
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import IO, Any, BinaryIO, NamedTuple
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.logs.formats.converted import JSONS, SPREADSHEETS, json_text, sheet_text
 
 PIECE_BYTES = 1 << 20
 _ONE_BYTE = (
@@ -69,6 +72,30 @@ class Source:
                 f"{path}: cannot read the log ({what}); check the path and its permissions"
             ) from error
 
+    @cached_property
+    def packer(self) -> str:
+        """What the file is packed with, "" where with nothing."""
+        return next((name for start, (name, _) in PACKERS.items() if self.magic.startswith(start)), "")
+
+    @cached_property
+    def converter(self) -> tuple[str, Callable[[IO[bytes]], bytes]] | None:
+        """For a file that is no text yet: what it is, and what makes text of it."""
+        if self.path.lower().endswith(SPREADSHEETS) or (self.packer == "zip" and _is_spreadsheet(self)):
+            return "spreadsheet", sheet_text
+        if self.magic.startswith(b"{") or any(end in self.path.lower()[-12:] for end in JSONS):
+            return "JSON", json_text
+        return None
+
+    @cached_property
+    def text(self) -> bytes:
+        """The table of a spreadsheet or of JSON as text between tabs. Raises InvalidLogError."""
+        assert self.converter is not None
+        with self.open() as raw:
+            try:
+                return self.converter[1](raw if self.converter[0] == "spreadsheet" else _unpacked(self, raw))
+            except InvalidLogError as error:
+                raise InvalidLogError(f"{self.path}: {error}") from error
+
     @property
     def size(self) -> int:
         """Bytes on disk."""
@@ -121,17 +148,19 @@ def _kind(mode: int) -> str:
     return kinds.get(stat.S_IFMT(mode), "is a device")
 
 
-def packer_of(magic: bytes) -> str:
-    """What a file is packed with by its first four bytes, "" where with nothing."""
-    return next((name for start, (name, _) in PACKERS.items() if magic.startswith(start)), "")
+def _is_spreadsheet(source: Source) -> bool:
+    """Whether a zip archive is one of Office or OpenDocument; what is no whole archive is none."""
+    with source.open() as raw:
+        try:
+            return {"[Content_Types].xml", "mimetype"} & set(zipfile.ZipFile(raw).namelist()) != set()
+        except _BROKEN:
+            return False
 
 
 def _only_member(raw: BinaryIO) -> IO[bytes]:
     """The one file of a zip archive, besides what a Mac adds. Raises InvalidLogError where it is not one, or locked."""
     archive = zipfile.ZipFile(raw)
     names = [info for info in archive.infolist() if not info.is_dir() and "__MACOSX" not in info.filename]
-    if any(info.filename == "[Content_Types].xml" for info in names):
-        raise InvalidLogError("this is a spreadsheet; export the log from it as CSV")
     if len(names) != 1:
         raise InvalidLogError(f"this is an archive of {len(names)} files; unpack it and give the log")
     if names[0].flag_bits & 1:
@@ -141,8 +170,8 @@ def _only_member(raw: BinaryIO) -> IO[bytes]:
 
 def _unpacked(source: Source, raw: BinaryIO) -> IO[bytes]:
     """The bytes of a file without what packs them."""
-    for start, (_, opened) in PACKERS.items():
-        if source.magic.startswith(start):
+    for name, opened in PACKERS.values():
+        if name == source.packer:
             try:
                 return opened(raw)
             except InvalidLogError as error:
@@ -168,11 +197,11 @@ def utf8_pieces(source: Source, encoding: str | None) -> Iterator[bytes]:
 
     Raises InvalidLogError where it cannot be decompressed.
     """
-    encoding = encoding or _wide(source.magic)
+    encoding = None if source.converter else encoding or _wide(source.magic)
     decoder = None if is_like_ascii(encoding) else codecs.getincrementaldecoder(encoding or "")("replace")
     with source.open() as raw:
         try:
-            stream = _unpacked(source, raw)
+            stream = io.BytesIO(source.text) if source.converter else _unpacked(source, raw)
             while piece := stream.read(PIECE_BYTES):
                 yield piece if decoder is None else decoder.decode(piece).encode("utf-8", "replace")
             yield b"" if decoder is None else decoder.decode(b"", True).encode("utf-8", "replace")

@@ -15,7 +15,7 @@ from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first
 from observer_fi.logs.formats.mat import mat_vectors
 from observer_fi.logs.formats.mdf import Group, best_group, mdf_groups
 from observer_fi.logs.formats.registry import READERS, SHOWN_SUFFIXES, check_kind, suffix_of
-from observer_fi.logs.formats.source import Source, packer_of, utf8_pieces
+from observer_fi.logs.formats.source import Source, utf8_pieces
 from observer_fi.logs.formats.stamps import STAMP, Stamps, is_stamp
 from observer_fi.logs.formats.tdms import tdms_columns
 from observer_fi.logs.formats.text_rows import lines_in, without_lines
@@ -113,8 +113,8 @@ def _of_text(source: Source, column_map: ColumnMap | None) -> Contents:
         )
     columns, rows, whole = _text_columns(source, table, encoding, column_map.missing if column_map else ())
     kind = "CSV" if suffix_of(source.path).startswith(".csv") else "text"
-    packer = packer_of(source.magic)
-    kind += f", {packer}" if packer else ""
+    kind += f", {source.packer}" if source.packer else ""
+    kind = source.converter[0] if source.converter else kind
     return Contents(source.path, kind, columns, rows, whole, table, False, table.preamble, notes)
 
 
