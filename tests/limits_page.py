@@ -7,7 +7,8 @@ from observer_fi.bank import log_feed
 from observer_fi.improve.moves import simulated_moves
 from observer_fi.learn import move_data
 from observer_fi.logs import cleaning, columns, ingest, line_parser, tables
-from observer_fi.logs.formats import csv, registry, source, tdms, text_rows, waveforms
+from observer_fi.logs.formats import csv, registry, tdms, text_rows, texts, waveforms
+from observer_fi.logs.formats.converted import cells, long_tables
 from observer_fi.logs.formats.typed import parquet
 from observer_fi.logs.logger import acquisition, holds
 from observer_fi.physics import PARAMETERS, rig_file
@@ -89,7 +90,12 @@ def rows_of_logs() -> list[tuple[str, str, str]]:
             "one line, no control characters",
             "written as escapes (\\x1b)",
         ),
-        ("one text table in memory", f"{source.PIECE_BYTES >> 20} MB at a time", "also of packed files"),
+        ("one text table in memory", f"{texts.PIECE_BYTES >> 20} MB at a time", "also of packed files"),
+        (
+            "JSON, and text with a row a reading",
+            f"{cells.MOST_BYTES >> 20} MB, {long_tables.MOST_SIGNALS:,} signals",
+            "more: refused",
+        ),
         (
             "TDMS channels",
             f"{tdms.MOST_CHANNELS:,}; real numbers; no more samples than the file has bytes for",

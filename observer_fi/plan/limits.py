@@ -33,11 +33,6 @@ class Limits:
     rate_hz: float
     unit: float
 
-    @property
-    def ramp_s(self) -> float:
-        """From rest to the highest speed."""
-        return self.speed / self.accel
-
 
 def limits_of(
     rig: Rig,

@@ -3,7 +3,6 @@
 A digest is made from one log alone, so that it can be kept: a log that is added costs itself and no other.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -117,8 +116,3 @@ def _after_colons(line: str) -> list[str]:
     """The line itself, and what follows its first colon or equals sign."""
     ends = [k for k in (line.find(":"), line.find("=")) if k >= 0]
     return [line, *(line[k + 1 :].strip() for k in sorted(ends))]
-
-
-def finite_or_none(value: float) -> float | None:
-    """A number for JSON, which knows no infinity."""
-    return float(value) if math.isfinite(value) else None

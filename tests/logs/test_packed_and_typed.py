@@ -13,6 +13,7 @@ from spreadsheets import spreadsheet
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs import read_log
+from observer_fi.logs.columns import ColumnMap, Source
 from observer_fi.logs.inspection.contents import contents_of
 
 FRAME = make_log(draw_move_case(8_110_000, "nominal"), 8_110_000)[0].iloc[:700].round(6)
@@ -50,6 +51,13 @@ def as_json(path: Path, frame: pd.DataFrame, orient: str = "records", lines: boo
 def nested(path: Path, frame: pd.DataFrame, encoding: str = "utf-8") -> None:
     document = {"rig": "a", "meta": {"hz": 1600}, "data": {"samples": frame.to_dict("list")}}
     path.write_text(json.dumps(document), encoding=encoding)
+
+
+def long(frame: pd.DataFrame) -> pd.DataFrame:
+    """A row a reading: every signal at times of its own, half of its readings each."""
+    parts = [frame.iloc[k % 2 :: 2][["time_s", c]].set_axis(["time_s", "value"], axis=1).assign(signal=c)
+             for k, c in enumerate(frame.columns[1:])]  # fmt: skip
+    return pd.concat(parts).sort_values("time_s", kind="stable")[["time_s", "signal", "value"]]
 
 
 WRITERS: dict[str, tuple[str, Write]] = {
@@ -143,6 +151,72 @@ def test_the_last_line_of_a_logger_that_was_switched_off_is_told(tmp_path: Path)
     (tmp_path / "log.jsonl").write_text(text.replace("}\n{", "}\n", 1), encoding="utf-8")
     with pytest.raises(InvalidLogError, match=r"log\.jsonl: no JSON of a table"):
         read_log(tmp_path / "log.jsonl")
+
+
+def influx(rows: pd.DataFrame) -> str:
+    """As InfluxDB annotates its CSV: one table a signal, each with the header, and times as stamps."""
+    text = "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,double,string\n"
+    for k, (name, part) in enumerate(rows.groupby("signal")):
+        stamps = pd.Timestamp("2026-05-04T10:00:00Z") + pd.to_timedelta(part["time_s"], unit="s")
+        text += ",result,table,_start,_time,_value,_field\n"
+        for stamp, value in zip(stamps, part["value"], strict=True):
+            text += (
+                f",,{k},2026-05-04T00:00:00Z,{stamp.isoformat().replace('+00:00', 'Z')},{value!r},{name}\n"
+            )
+        text += "\n"
+    return text
+
+
+def historian(rows: pd.DataFrame) -> str:
+    """Decimal commas, units in a column, milliamperes."""
+    current = rows["signal"] == "current_a"
+    rows = rows.assign(
+        unit=np.where(current, "mA", ""), value=rows["value"].where(~current, rows["value"] * 1000.0)
+    )
+    rows["signal"] = rows["signal"].replace("current_a", "Strom")
+    named = rows[["time_s", "signal", "value", "unit"]].set_axis(
+        ["Zeit [s]", "Kanal", "Wert", "Einheit"], axis=1
+    )
+    return str(named.to_csv(sep=";", decimal=",", index=False))
+
+
+STAMPED = ColumnMap({"time_s": Source("_time", stamps=True)})
+MILLIAMPERES = ColumnMap({"time_s": Source("Zeit [s]"), "current_a": Source("Strom [mA]", 1e-3)})
+LONG: dict[str, tuple[Callable[[pd.DataFrame], str], ColumnMap | None]] = {
+    "plain": (lambda rows: rows.to_csv(index=False), None),
+    "JSON": (lambda rows: rows.to_json(orient="records", double_precision=15), None),
+    "signal by signal": (lambda rows: rows.sort_values("signal", kind="stable").to_csv(index=False), None),
+    "InfluxDB": (influx, STAMPED),
+    "historian": (historian, MILLIAMPERES),
+}
+
+
+@pytest.mark.parametrize("kind", LONG)
+def test_a_row_a_reading_becomes_a_row_a_time(kind: str, tmp_path: Path) -> None:
+    write, column_map = LONG[kind]
+    path = tmp_path / ("log.json" if kind == "JSON" else "log.csv")
+    path.write_text(write(long(FRAME)), encoding="utf-8")
+    found, expected = read_log(path, column_map), read_log(wide(tmp_path / "wide.csv"))
+    assert np.allclose(found.t - found.t[0], expected.t, atol=1e-9)
+    assert np.allclose(found.z, expected.z, equal_nan=True, atol=1e-9)
+    assert found.rejected_count == expected.rejected_count
+
+
+def wide(path: Path) -> Path:
+    """The same readings with blanks where a signal was not read."""
+    frame = FRAME.copy()
+    for k, column in enumerate(frame.columns[1:]):
+        frame.loc[frame.index % 2 != k % 2, column] = np.nan
+    frame.to_csv(path, index=False)
+    return path
+
+
+def test_two_readings_of_a_signal_with_one_time_are_two_rows(tmp_path: Path) -> None:
+    rows = long(FRAME)
+    pd.concat([rows, rows[rows["signal"] == "voltage_v"]]).to_csv(tmp_path / "log.csv", index=False)
+    shown = contents_of(str(tmp_path / "log.csv"))
+    assert shown.rows == len(FRAME) + len(FRAME) // 2
+    assert shown.kind == "text, a row a reading"
 
 
 @pytest.mark.parametrize(

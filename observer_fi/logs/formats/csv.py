@@ -8,9 +8,10 @@ from typing import NamedTuple
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.blank_columns import BlankColumns, blank_headers
 from observer_fi.logs.columns import PLAIN, ColumnMap
-from observer_fi.logs.formats.source import Source, is_like_ascii, utf8_pieces
+from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.stamps import Stamps, is_stamp, stamp_columns
 from observer_fi.logs.formats.text_rows import TextLayout, lines_in, text_blocks, without_lines
+from observer_fi.logs.formats.texts import is_like_ascii, utf8_pieces
 from observer_fi.logs.tables import Block, RowCount, Table, positions, regrouped, shown_name
 
 PREAMBLE_BYTES = 1 << 18

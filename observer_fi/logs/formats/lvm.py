@@ -8,8 +8,9 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import PLAIN, ColumnMap
 from observer_fi.logs.formats.csv import decoded, first_bytes, header_fields
-from observer_fi.logs.formats.source import Source, utf8_pieces
+from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.text_rows import TextLayout, lines_in, text_blocks, without_lines
+from observer_fi.logs.formats.texts import utf8_pieces
 from observer_fi.logs.formats.waveforms import Waveform, checked_waveform
 from observer_fi.logs.tables import Block, RowCount, Table, positions, regrouped, shown_name
 from observer_fi.records import Array

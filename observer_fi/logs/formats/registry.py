@@ -5,7 +5,8 @@ from pathlib import Path
 
 from observer_fi.errors import InvalidLogError, one_line
 from observer_fi.logs.columns import ColumnMap
-from observer_fi.logs.formats.converted import JSONS, SPREADSHEETS
+from observer_fi.logs.formats.converted.json_documents import JSONS
+from observer_fi.logs.formats.converted.spreadsheets import SPREADSHEETS
 from observer_fi.logs.formats.csv import open_csv
 from observer_fi.logs.formats.lvm import open_lvm
 from observer_fi.logs.formats.mat import open_mat

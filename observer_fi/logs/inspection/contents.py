@@ -15,10 +15,11 @@ from observer_fi.logs.formats.csv import MOST_COLUMNS, decoded, fields_of, first
 from observer_fi.logs.formats.mat import mat_vectors
 from observer_fi.logs.formats.mdf import Group, best_group, mdf_groups
 from observer_fi.logs.formats.registry import READERS, SHOWN_SUFFIXES, check_kind, suffix_of
-from observer_fi.logs.formats.source import Source, utf8_pieces
+from observer_fi.logs.formats.source import Source
 from observer_fi.logs.formats.stamps import STAMP, Stamps, is_stamp
 from observer_fi.logs.formats.tdms import tdms_columns
 from observer_fi.logs.formats.text_rows import lines_in, without_lines
+from observer_fi.logs.formats.texts import converted, packer_of, utf8_pieces
 from observer_fi.logs.formats.typed.feather import feather_columns
 from observer_fi.logs.formats.typed.parquet import parquet_columns
 from observer_fi.logs.inspection.text_table import TextTable, text_table
@@ -113,8 +114,8 @@ def _of_text(source: Source, column_map: ColumnMap | None) -> Contents:
         )
     columns, rows, whole = _text_columns(source, table, encoding, column_map.missing if column_map else ())
     kind = "CSV" if suffix_of(source.path).startswith(".csv") else "text"
-    kind += f", {source.packer}" if source.packer else ""
-    kind = source.converter[0] if source.converter else kind
+    packer, made = packer_of(source.magic), converted(source)
+    kind = made[0] if made else f"{kind}, {packer}" if packer else kind
     return Contents(source.path, kind, columns, rows, whole, table, False, table.preamble, notes)
 
 

@@ -1,53 +1,23 @@
-"""Spreadsheets and JSON as text between tabs, which the reader of text tables takes from there."""
+"""JSON documents, and JSON with an object a line."""
 
-import datetime
 import json
 import os
 from collections.abc import Iterable, Iterator
-from typing import IO, Any
+from typing import Any
 
 from observer_fi.errors import InvalidLogError, one_line
+from observer_fi.logs.formats.converted.cells import at_most, text_of
 
-SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
 JSONS = (".json", ".jsonl", ".ndjson")
-MOST_BYTES = 1 << 29  # of JSON: what stands in memory is ten times that
-ALIKE = 0.5  # of the rows of the longest sheet: one that has as many may be the log as well
-_BREAKS = str.maketrans("\t\r\n", "   ")
 
 
-def sheet_text(stream: IO[bytes]) -> bytes:
-    """The sheet of a spreadsheet that holds the log. Raises InvalidLogError where several may."""
-    from python_calamine import CalamineError, CalamineWorkbook
-
-    try:
-        book = CalamineWorkbook.from_filelike(stream)
-        sheets = {
-            name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names
-        }
-    except (CalamineError, OSError) as error:
-        raise InvalidLogError(
-            f"not a whole spreadsheet ({one_line(error, 100)}); save it again, or export CSV"
-        ) from error
-    longest = max(map(len, sheets.values()), default=0)
-    if longest < 2:
-        raise InvalidLogError("this spreadsheet has no rows; save the sheet that holds the log")
-    alike = [name for name, rows in sheets.items() if len(rows) >= ALIKE * longest]
-    if len(alike) > 1:
-        raise InvalidLogError(
-            f"this spreadsheet has {len(alike)} tables ({', '.join(alike)[:100]}); save each by itself"
-        )
-    return _text(sheets[alike[0]])
-
-
-def json_text(stream: IO[bytes]) -> bytes:
+def json_text(pieces: Iterable[bytes]) -> bytes:
     """A JSON document, or one object a line, as a table whose header is all keys; what stands beside it is metadata.
 
     A table is an array of objects, an object of arrays of one length, the forms `records`, `list`, `columns` and `split` of
     pandas, or such a table under a key. Raises InvalidLogError for anything else.
     """
-    data = stream.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise InvalidLogError(f"more than {MOST_BYTES >> 20} MB of JSON; write the log as CSV or Parquet")
+    data = at_most(pieces)
     try:
         found, metadata = _document(data.decode(json.detect_encoding(data)))
     except (ValueError, RecursionError) as error:
@@ -58,21 +28,7 @@ def json_text(stream: IO[bytes]) -> bytes:
             "no table in this JSON: neither an array of objects nor arrays of one length by name; export the log as CSV"
         )
     told = "".join(f"# {one_line(f'{key}: {value}', 500)}\n" for key, value in (metadata | beside).items())
-    return told.encode() + _text([list(columns), *zip(*columns.values(), strict=True)])
-
-
-def _text(rows: Iterable[Iterable[Any]]) -> bytes:
-    """Rows of cells as lines between tabs; a row without any is a blank line."""
-    lines = ("\t".join(map(_cell, row)) for row in rows)
-    return "".join((line if line.strip("\t") else "") + "\n" for line in lines).encode()
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, datetime.timedelta):
-        return repr(value.total_seconds())
-    return repr(value) if isinstance(value, float) else str(value).translate(_BREAKS)
+    return told.encode() + text_of([list(columns), *zip(*columns.values(), strict=True)])
 
 
 def _document(text: str) -> tuple[Any, dict[str, Any]]:
