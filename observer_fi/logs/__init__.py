@@ -19,6 +19,7 @@ from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Sp
 from observer_fi.logs.logger.acquisition import (
     OFF_ZERO,
     SET_UP_DEG,
+    STANDING,
     acquisition_of,
     channel_traits,
     rests_for_noise,
@@ -124,6 +125,7 @@ __all__ = [
     "shown_range",
     "Excitation",
     "OFF_ZERO",
+    "STANDING",
     "SHORTEST_REST",
     "FEWEST_STEPS",
     "PLAIN",

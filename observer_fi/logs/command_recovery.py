@@ -6,6 +6,7 @@ few time constants after it. The trapezoid through it has levels, where w + e st
 acceleration between them.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, position_speed
-from observer_fi.numerics import constant_runs, filled
+from observer_fi.numerics import constant_runs, filled, resolution_of
 from observer_fi.physics import UNLEARNED, Model, Rig, commanded, override, speed
 from observer_fi.records import Array, Log
 
@@ -24,6 +25,7 @@ BLOCK_S = 0.005
 FEWEST_IN_BLOCK = 4
 RECOVERY_TIMES = 5.0  # of Kp / Ki after saturation, until the filter has forgotten the wound-up integral
 SAME_LEVEL = 0.05  # relative: a wrong Rm shifts w by this much while the current rings
+STANDS = 0.5  # share of readings that repeat the one before, from which their noise does not take them over their steps
 NOISE_FLOOR = 0.2  # rad/s: commands are not finer than this
 SIGMAS = 6.0
 BEGIN_S = 0.2
@@ -90,15 +92,18 @@ def recover_command(log: Log, model: Model) -> Log:
     if not has_loop and _only_position(log):
         return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]), model)
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
-    noise = _noise(log.t, command[known])
+    rounding = _rounding(log, model)
+    noise = _noise(log.t, command[known], rounding)
     levels = _levels(log.t, command, known, noise)
     if not levels:
         raise InvalidLogError(
             f"{log.path}: column speed_cmd_rad_s is missing and voltage and current never settle "
             "to a speed; log it"
         )
-    levels = _with_rests(levels, command, known, log, model)
-    w_cmd = _trapezoid(log.t, command, known, levels, noise, model["accel_cmd"] or STEEP)
+    off_zero = max(OFF_ZERO * noise, math.sqrt(3.0) * rounding)
+    levels = _with_rests(levels, command, known, log, model, noise, off_zero)
+    full = saturated(log.z, model)
+    w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
@@ -303,18 +308,30 @@ def _high_passed(i: Array, step: float, tau: float) -> Array:
     return np.convolve(np.diff(i, prepend=i[0]), kernel)[: i.size]
 
 
-def _noise(t: Array, command: Array) -> float:
+def _noise(t: Array, command: Array, rounding: float) -> float:
     """Standard deviation of one sample [rad/s], from differences and within blocks, most of which are no ramps.
 
-    Held readings hardly differ from the ones before them, nor do those with hum.
+    Held readings hardly differ from the ones before them, nor do those with hum; those in coarse steps by a step at once.
+    rounding: what these leave [rad/s].
     """
+    least = max(NOISE_FLOOR, rounding)
     if command.size < 2:
-        return NOISE_FLOOR
+        return least
     apart = 1.05 * float(np.median(np.abs(np.diff(command))))
     size = _block_size(t)
     blocks = command[: command.size // size * size].reshape(-1, size)
     within = float(np.median(blocks.std(axis=1))) if len(blocks) else 0.0
-    return max(NOISE_FLOOR, apart, within)
+    return max(least, apart, within)
+
+
+def _rounding(log: Log, model: Model) -> float:
+    """Standard deviation of the speed [rad/s] by the steps of voltage and current whose readings mostly repeat the one before."""
+    steps = []
+    for z in log.z[:, :2].T:
+        changes = np.diff(z[np.isfinite(z)])
+        stands = changes.size > 0 and float(np.mean(changes == 0.0)) > STANDS
+        steps.append((resolution_of(changes) or 0.0) if stands else 0.0)
+    return math.hypot(steps[0], model["Rm"] * steps[1]) / (math.sqrt(12.0) * model["Km"])
 
 
 def _block_size(t: Array) -> int:
@@ -377,9 +394,12 @@ def _measured(group: list[_Level], command: Array, known: Mask) -> _Level:
     return _Level(group[0].first, group[-1].last, seen, seen)
 
 
-def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, model: Model) -> list[_Level]:
-    """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest."""
-    noise = _noise(log.t, command[known])
+def _with_rests(
+    levels: list[_Level], command: Array, known: Mask, log: Log, model: Model, noise: float, off_zero: float
+) -> list[_Level]:
+    """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest, if that is beyond
+    `off_zero` [rad/s], which noise or rounding may leave.
+    """
     top = max(abs(level.seen) for level in levels)
     rests = [_is_rest(level, top, log, model, noise) for level in levels]
     found = []
@@ -391,7 +411,7 @@ def _with_rests(levels: list[_Level], command: Array, known: Mask, log: Log, mod
             begin = log.t[level.first : level.last + 1] < log.t[level.first] + BEGIN_S
             part = command[level.first : level.last + 1][begin & known[level.first : level.last + 1]]
             seen = float(np.median(part)) if part.size else seen
-        bias = before if abs(before) > OFF_ZERO * noise else 0.0
+        bias = before if abs(before) > off_zero else 0.0
         found.append(level._replace(speed=0.0 if rests[k] else seen - bias))
     return found
 
@@ -412,35 +432,41 @@ def _is_rest(level: _Level, top: float, log: Log, model: Model, noise: float) ->
 
 
 def _trapezoid(
-    t: Array, command: Array, known: Mask, levels: list[_Level], noise: float, accel: float
+    t: Array, command: Array, known: Mask, full: Mask, levels: list[_Level], noise: float, accel: float
 ) -> Array:
     """(n,) the piecewise linear command through the levels, with ramps of `accel` between them."""
     knots, speeds = [float(t[0])], [levels[0].speed]
     for a, b in zip(levels[:-1], levels[1:], strict=True):
         ramp = abs(b.speed - a.speed) / accel
-        begin = max(_onset(t, command, known, a, b, noise, accel), knots[-1])
+        begin = max(_onset(t, command, known, full, a, b, noise, accel), knots[-1])
         knots += [begin, begin + ramp]
         speeds += [a.speed, b.speed]
     return np.interp(t, knots, speeds)
 
 
-def _onset(t: Array, command: Array, known: Mask, a: _Level, b: _Level, noise: float, accel: float) -> float:
-    """Time at which the ramp from level a to level b begins, from the samples on the ramp [s]."""
-    window = slice(a.last, max(b.first, a.last + 1) + 1)
-    t, known = t[window], known[window]
+def _onset(
+    t: Array, command: Array, known: Mask, full: Mask, a: _Level, b: _Level, noise: float, accel: float
+) -> float:
+    """Time at which the ramp from level a to level b begins, from the samples on the ramp [s].
+
+    A start has begun by the time its voltage is at the limit (`full`): what is known behind that is the ring, and no ramp.
+    """
+    before = np.flatnonzero(~full[a.first : a.last + 1])
+    window = slice(a.first + int(before[-1]) if before.size else a.last, max(b.first, a.last + 1) + 1)
+    t, known, full = t[window], known[window], full[window]
     rise = abs(b.seen - a.seen)
     ramp = rise / accel
     share = (command[window] - a.seen) * np.sign(b.seen - a.seen)
     left = known & (share > SIGMAS * noise)
     on_ramp = left & (share < rise - SIGMAS * noise)
-    if on_ramp.any():
-        on_ramp &= t < t[np.argmax(on_ramp)] + ramp
+    stops = abs(b.speed) < abs(a.speed)
+    limit = t.size if stops or not full.any() else int(np.argmax(full))
+    on_ramp &= t < t[np.argmax(left)] + ramp  # what is on the way later is the ring
+    if on_ramp[:limit].any():
         return float(np.median(t[on_ramp] - share[on_ramp] / accel))
-    there = int(np.argmax(left)) if left.any() else t.size - 1
+    there = min(int(np.argmax(left)) if left.any() else t.size - 1, limit)
     at_level = np.flatnonzero(known[:there])
     last = float(t[at_level[-1]]) if at_level.size else float(t[0])
-    if abs(b.speed) < abs(
-        a.speed
-    ):  # after a stall the supply is freed by the brake, so that is late in the hole
+    if stops:  # after a stall the supply is freed by the brake, so that is late in the hole
         return max(last, float(t[there]) - ramp)
     return 0.5 * (last + min(float(t[there]), last + float(t[1] - t[0])))

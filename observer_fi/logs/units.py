@@ -18,6 +18,7 @@ FEWEST = 20  # samples at full speed that a mean needs
 PREFIXES = {1e2: "centi", 1e3: "milli", 1e6: "micro"}
 OPPOSITE = 0.4  # of what is expected, from which a channel goes the other way
 HARD = 0.3  # of the most current that the supply drives: a start that takes less says nothing of the sign
+LATE_S, RISEN = 0.1, 0.5  # of a command against its servo; of the largest current of a start
 DRIVEN_BACK, TOUCHING = 0.2, 0.02  # of the largest voltage and current
 # Of what a position covers; times the largest of its other steps; samples on either side that tell its motion, at least and at
 # most.
@@ -125,15 +126,20 @@ def quarter_of_a_ring(model: Model) -> float:
 def _first_push(log: Log, move: Segment, most: float, seconds: float) -> float:
     """Mean current along the command in the first seconds of a move from rest, over the largest there [1].
 
+    A command that is logged late begins when the servo already brakes: the push is where the current rises, if that is before.
     NaN where nobody knows: of a log that begins within the start, where the servo may brake already, and of a soft start,
     whose current stays below a share of the most that the supply drives [A].
     """
     if move.start == 0:
         return np.nan
-    begin = slice(move.start, move.start + round(seconds * log.rate_hz))
-    i = log.z[begin, 1] * np.sign(move.peak)
-    largest = _largest(i)
-    return _mean(i) / largest if largest > HARD * most else np.nan
+    length, late = round(seconds * log.rate_hz), round(LATE_S * log.rate_hz)
+    i = log.z[:, 1] * np.sign(move.peak)
+    first = max(move.start - late, 0)
+    least = RISEN * _largest(i[first : move.start + length])
+    begin = first + int(np.argmax(np.append(np.abs(i[first : move.start]) > least, True)))
+    push = i[begin : begin + length]
+    largest = _largest(push)
+    return _mean(push) / largest if largest > HARD * most else np.nan
 
 
 def _mean(values: Array) -> float:

@@ -21,6 +21,7 @@ from observer_fi.logs import (
     log_name,
     log_segments,
     open_log,
+    quarter_of_a_ring,
     read_log,
     suspect_units,
     with_command,
@@ -69,13 +70,14 @@ from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import SURE_HZ, Testable, or_an_obstacle, untested
-from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, wrong_rig
+from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, or_unexplained, wrong_rig
 
 ONSETS_AGREE_S = 0.02
 ZOOM_BEFORE_S, ZOOM_AFTER_S = 0.15, 0.45
 NEAR_S = 0.1  # shown on either side of a moment
 ONE_SPAN_S = 1.0  # an onset and an isolation that are further apart are shown apart
 MIXTURE_POINTS = 2000
+SAMPLES_A_RING = 10.0  # of a servo, from which its answer to a load is seen
 
 
 class AnyBank(Protocol):
@@ -429,9 +431,7 @@ class Diagnosis:
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
         finished = [self._of_the_day(self._finished(e)) for e in found.events]
-        if (
-            self.isolator.channels.lacks("voltage") and not self.rig.watched.servo
-        ):  # a known servo tells its motor
+        if self.isolator.channels.lacks("voltage") and not self._servo_tells():
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
         finished = [or_an_obstacle(e, self.rate, self.rig) for e in finished]
@@ -440,7 +440,7 @@ class Diagnosis:
         isolated = list(map(isolated_again, finished, found.events))
         if self.detected_at is None:  # which may be anywhere in a move
             isolated[:1] = map(or_never_fitted, isolated[:1])
-        events = tuple(handed_on(isolated))
+        events = or_unexplained(handed_on(isolated), found.consistency)
         verdict = log_verdict(list(events))
         foreign = wrong_rig(
             verdict, events, found.consistency, self.suspects or (), self.last_word.explained, self.fitted
@@ -461,6 +461,11 @@ class Diagnosis:
              "detected_at": self.detected_at, **asdict(self.settings)},
             acquisition=self.as_logged.told if self.as_logged else None, warnings=self._warnings(isolation, foreign),
         )  # fmt: skip
+
+    def _servo_tells(self) -> bool:
+        """Whether a known servo tells its motor: samples show the ring by which it answers a load, and no sensor's fault."""
+        ring_s = 4.0 * quarter_of_a_ring(self.rig.model)
+        return self.rig.watched.servo and self.rate * ring_s > SAMPLES_A_RING
 
     def _drawn(self, verdict: Event, events: tuple[Event, ...]) -> tuple[Traces, ...]:
         """The whole log with every sample near the moments that matter, and those around the verdict's onset."""

@@ -60,9 +60,10 @@ def _differs(log: Log, w_cmd: Array) -> bool:
 
 
 def is_odd(outcome: Outcome) -> bool:
-    """Whether a log has no healthy first move and no verdict on the actuator itself."""
+    """Whether a log has no healthy first move, as far as that is explained, and no verdict on the actuator itself."""
     found = outcome.isolation
-    if found is None or (found.events and found.events[0].label == NOMINAL):
+    first = found.events[0] if found is not None and found.events else None
+    if found is None or (first is not None and first.label == NOMINAL and UNKNOWN not in first.alike):
         return False
     return found.verdict.label in NO_FAULT_OF_IT or bool(found.verdict.alike)
 

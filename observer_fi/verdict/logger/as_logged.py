@@ -15,6 +15,7 @@ from observer_fi.bank import between_samples, repeat_share
 from observer_fi.logs import (
     OFF_ZERO,
     SHORTEST_REST,
+    STANDING,
     Hum,
     LowPasses,
     Mean,
@@ -30,7 +31,7 @@ from observer_fi.logs import (
 )
 from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations
-from observer_fi.records import Acquisition, Array, Log
+from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
@@ -310,4 +311,11 @@ def electrical_offset(a: Acquisition, rig: Rig, gain: float = 1.0, least: float 
     expected = in_python(equations.terminal_voltage)(current, 0.0, 0.0, model.vector)
     off = float(a.voltage.offset / gain - expected - model["voltage_offset"])
     noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
-    return off if math.isfinite(off) and abs(off) > least * noise else 0.0
+    rounded = _rounding(a.voltage) + model["Rm"] * _rounding(a.current)
+    return off if math.isfinite(off) and abs(off) > max(least * noise, rounded) else 0.0
+
+
+def _rounding(channel: ChannelTraits) -> float:
+    """By how much the mean of readings that stand still may be off, half their step; 0 where noise takes them over the steps."""
+    step = channel.resolution or 0.0
+    return 0.5 * step if step > STANDING * channel.noise_std else 0.0
