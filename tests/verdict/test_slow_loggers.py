@@ -76,9 +76,10 @@ def condemned(R: float, drift: float = 0.0) -> tuple[Any, Any]:
     return event, bank
 
 
-@pytest.mark.parametrize("R", [19.0, 20.0, 21.0])
-def test_a_resistance_within_its_standard_error_is_no_failed_sensor(R: float) -> None:
-    assert or_the_resistance(*condemned(R), RIG).label == "nominal"
+@pytest.mark.parametrize(("R", "drift"), [(19.0, 0.0), (20.0, 0.0), (21.0, 0.0), (21.0, 0.1)])
+def test_a_resistance_within_its_standard_error_is_no_failed_sensor(R: float, drift: float) -> None:
+    """Also where a voltage that still settles leaves a little more than noise (662112 at 50 Hz)."""
+    assert or_the_resistance(*condemned(R, drift), RIG).label == "nominal"
 
 
 @pytest.mark.parametrize(("R", "drift"), [(25.0, 0.0), (15.0, 0.0), (20.0, 1.0)])
