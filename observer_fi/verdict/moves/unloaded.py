@@ -26,7 +26,7 @@ SAME_WITHOUT_VOLTAGE: dict[tuple[str, str | None], tuple[tuple[str, str | None],
     ("unknown", None): (("sensor_fault", "current"),),
     ("sensor_fault", "current"): (("jam", None),),
 }
-MISREAD, OUTRUNS = ("sensor_fault", "current"), ("sensor_fault", "position")
+MISREAD, OF_POSITION = ("sensor_fault", "current"), ("sensor_fault", "position")
 PACE = 0.9  # of the speed before, that an obstacle leaves to no mass; faster by as much is no obstacle either
 OF_CURRENT = ("jam", "unknown")
 _WHY = {
@@ -210,14 +210,13 @@ def or_left_behind(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     stood = _stands_while_driven(t, x, w != 0.0, rig.model["D"])
     if stood is None and not _slows_unseen(t[w != 0.0], i[w != 0.0], w[w != 0.0], rig):
         return event
-    sensor = "sensor_fault", "position"
+    nats: dict[tuple[str, str | None], float] = {("slip", None): 0.0, OF_POSITION: 0.0}
     if stood is not None:
         seen = _around(event._replace(onset_s=stood), bank)
-        nats = {key: _density(key[0], seen, rig) for key in (("coupling_loss", None), sensor)}
-    else:
-        nats = {("slip", None): 0.0, sensor: 0.0}
+        nats = {key: _density(key[0], seen, rig) for key in (("coupling_loss", None), OF_POSITION)}
+    health: dict[tuple[str, str | None], float] = {(NOMINAL, None): max(nats.values())}
     share = event._replace(posterior=dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 1.0})
-    told_as = _shared(share, {(NOMINAL, None): max(nats.values()), **nats}, alike)
+    told_as = _shared(share, health | nats, alike)
     return told_as._replace(isolated_s=None, reasons=(_SLOWED if stood is None else _LEFT,))
 
 
@@ -281,7 +280,7 @@ def _without_an_obstacle(seen: _Around) -> tuple[str, str | None] | None:
     """
     assert seen.pace is not None
     if seen.pace > PACE:
-        return OUTRUNS if seen.pace > 1.0 / PACE else MISREAD
+        return OF_POSITION if seen.pace > 1.0 / PACE else MISREAD
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
     return ("slip", None) if same else None
 
