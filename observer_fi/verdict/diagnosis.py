@@ -66,6 +66,7 @@ from observer_fi.verdict.moves.unloaded import (
     or_frozen,
     or_left_behind,
     or_let_go,
+    or_of_current,
     or_stalled,
     without_voltage,
 )
@@ -443,6 +444,7 @@ class Diagnosis:
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
             finished = [or_left_behind(e, self.memory, self.logged, alike) for e in finished]
         finished = [or_dead_voltage(e, self.memory, self.logged) for e in finished]
+        finished = [or_of_current(e, self.memory, self.logged) for e in finished]
         finished = [or_an_obstacle(or_stalled(e, self.memory), self.rate, self.rig) for e in finished]
         if self.rate < SURE_HZ and not self.rig.watched.servo:
             finished = [or_let_go(e, self.memory) for e in finished]

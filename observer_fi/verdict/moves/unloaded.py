@@ -68,6 +68,11 @@ _LEFT = (
     "the mass stopped while the current went on, which fell only later: a servo that held it in its place, or a motor that had "
     "left it"
 )
+# Relative: of a voltage and a speed that stay what they were; and of the speed that a current would take, what may be seen of it.
+UNCHANGED, SEEN = 0.01, 0.5
+_ONLY_CURRENT = (
+    "the current alone changed: voltage and speed of the position stayed what they were, which no motor does"
+)
 STALLED = 0.5  # by which a current that grows is more than any friction of every day takes, relative
 _STALLED = "the mass came to stand and its motor is driven harder: an obstacle or a jam would look so between so few samples"
 _SLOWED = "the mass became slower, and the current shows nothing that would have slowed its motor: between two samples, or not"
@@ -75,12 +80,13 @@ _SLOWED = "the mass became slower, and the current shows nothing that would have
 
 class _Around(NamedTuple):
     """What is around an onset. change: of the steady current, relative, None where it is not seen; noise: its standard error;
-    pace: speed of the position after it, of that before it; None where that is not seen.
+    pace: speed of the position after it, of that before it; None where that is not seen. voltage: its change, relative.
     """
 
     change: float | None
     noise: float
     pace: float | None
+    voltage: float | None = None
 
     @property
     def stands(self) -> bool | None:
@@ -261,6 +267,33 @@ def _slows_unseen(t: Array, i: Array, w: Array, rig: Rig) -> bool:
     return abs(later - level) < SAME_CURRENT * abs(level) + noise and taken < TAKEN * float(lost[k])
 
 
+def or_of_current(event: Event, bank: Bank, rig: Rig) -> Event:
+    """A position sensor that fails or, where its speed and the voltage stay what they were and only the current does not, that of
+    the current: what it reads more, the winding would take from the speed (equation 2).
+    """
+    if (event.label, event.channel) != OF_POSITION:
+        return event
+    seen = _around(event, bank)
+    if seen.change is None or seen.pace is None or seen.voltage is None or abs(seen.voltage) > UNCHANGED:
+        return event
+    share = rig.model["Rm"] * rig.model["A"] / (rig.model["Km"] ** 2 * _speed_before(event, bank, rig))
+    slower = share * abs(seen.change)  # of the speed
+    off = abs(seen.change) > CHANGED * math.hypot(USUAL, seen.noise)
+    if not off or abs(seen.pace - 1.0) > min(UNCHANGED, SEEN * slower):
+        return event
+    return event._replace(channel="current", reasons=(_ONLY_CURRENT,))
+
+
+def _speed_before(event: Event, bank: Bank, rig: Rig) -> float:
+    """Speed of the motor before an onset, as the position shows it [rad/s]; infinite where it shows none."""
+    recent, onset = bank.recent, event.onset_s
+    if recent is None or onset is None:
+        return math.inf
+    earlier = (recent.t > onset - BEFORE_S[0] - _longer(recent.t)) & (recent.t < onset - BEFORE_S[1])
+    slope = slope_of(recent.t[earlier], recent.z[earlier, 2])
+    return abs(slope) / rig.model["D"] if slope else math.inf
+
+
 def or_stalled(event: Event, bank: Bank) -> Event:
     """A fault without a name or, as likely, an obstacle or a jam: a mass that came to stand, while its motor is driven harder
     than before, was stopped by one of them, however few samples show how.
@@ -346,7 +379,9 @@ def _around(event: Event, bank: Bank) -> _Around:
     if after is None or abs(before[0]) < 3.0 * before[1]:
         return _Around(None, 0.0, pace)
     noise = math.hypot(after[1], before[1]) / abs(before[0])
-    return _Around(after[0] / before[0] - 1.0, noise, pace)
+    given, gives = _mean(recent.z[earlier, 0]), _mean(recent.z[later, 0])
+    voltage = gives[0] / given[0] - 1.0 if given and gives and given[0] else None
+    return _Around(after[0] / before[0] - 1.0, noise, pace, voltage)
 
 
 def _longer(t: Array) -> float:
