@@ -68,6 +68,7 @@ from observer_fi.verdict.moves.unloaded import (
     or_let_go,
     or_of_current,
     or_stalled,
+    or_still_turning,
     without_voltage,
 )
 from observer_fi.verdict.moves.whole_move import SETTLED_S
@@ -445,6 +446,9 @@ class Diagnosis:
             finished = [or_left_behind(e, self.memory, self.logged, alike) for e in finished]
         finished = [or_dead_voltage(e, self.memory, self.logged) for e in finished]
         finished = [or_of_current(e, self.memory, self.logged) for e in finished]
+        finished = [
+            or_still_turning(e, self.memory, self.logged, self.settings.decision.alike) for e in finished
+        ]
         finished = [or_an_obstacle(or_stalled(e, self.memory), self.rate, self.rig) for e in finished]
         if self.rate < SURE_HZ and not self.rig.watched.servo:
             finished = [or_let_go(e, self.memory) for e in finished]

@@ -19,6 +19,7 @@ from observer_fi.verdict.moves.unloaded import (
     or_left_behind,
     or_of_current,
     or_stalled,
+    or_still_turning,
     without_voltage,
 )
 from observer_fi.verdict.stuck import of_a_stuck_sensor
@@ -195,6 +196,18 @@ def test_a_current_that_alone_changed_is_read_by_a_sensor_that_failed(
     memory.recent.z[:, 2] = 400.0 * RIG.model["D"] * travel
     told = or_of_current(event("sensor_fault", "position"), memory, RIG)
     assert (told.label, told.channel) == ("sensor_fault", channel)
+
+
+@pytest.mark.parametrize(
+    ("emf", "stands", "shared"), [(1.0, True, True), (0.9, True, False), (1.0, False, False)]
+)
+def test_a_motor_that_turns_on_beside_a_mass_that_stands(emf: float, stands: bool, shared: bool) -> None:
+    """At 25 Hz a lost coupling was a voltage sensor for sure, whose readings fell by just what the winding takes less."""
+    memory = moved(stands, 0.5)
+    after = memory.recent.t > 2.0
+    memory.recent.z[:, 0] = RIG.model["Rm"] * memory.recent.z[:, 1] + 8.0 * np.where(after, emf, 1.0)
+    told = or_still_turning(event("sensor_fault", "voltage"), memory, RIG, ALIKE)
+    assert (told.alike == ("coupling_loss",)) is shared and told.label == "sensor_fault"
 
 
 def slow_log(falls_s: float, loses: float) -> Any:

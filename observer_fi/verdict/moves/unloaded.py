@@ -70,6 +70,7 @@ _LEFT = (
 )
 # Relative: of a voltage and a speed that stay what they were; and of the speed that a current would take, what may be seen of it.
 UNCHANGED, SEEN = 0.01, 0.5
+_TURNS = "voltage and current show the motor at the speed that it had, while the position stands: the mass may have been let go"
 _ONLY_CURRENT = (
     "the current alone changed: voltage and speed of the position stayed what they were, which no motor does"
 )
@@ -282,6 +283,30 @@ def or_of_current(event: Event, bank: Bank, rig: Rig) -> Event:
     if not off or abs(seen.pace - 1.0) > min(UNCHANGED, SEEN * slower):
         return event
     return event._replace(channel="current", reasons=(_ONLY_CURRENT,))
+
+
+def or_still_turning(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
+    """A voltage sensor that fails or, as likely, a mass that was let go: it stands, and voltage and current still show the motor
+    at the speed that it had (equation 2).
+    """
+    recent, onset = bank.recent, event.onset_s
+    if (event.label, event.channel) != ("sensor_fault", "voltage") or recent is None or onset is None:
+        return event
+    seen = _around(event, bank)
+    if not seen.stands or seen.change is None or seen.voltage is None:
+        return event
+    earlier = (recent.t > onset - BEFORE_S[0] - _longer(recent.t)) & (recent.t < onset - BEFORE_S[1])
+    voltage, current, _ = np.nanmedian(recent.z[earlier], axis=0)
+    dropped = rig.model["Rm"] * current
+    turned, turns = voltage - dropped, voltage * (1.0 + seen.voltage) - dropped * (1.0 + seen.change)
+    if abs(turns - turned) > UNCHANGED * abs(turned):
+        return event
+    nats: dict[tuple[str, str | None], float] = {
+        (event.label, event.channel): 0.0,
+        ("coupling_loss", None): 0.0,
+    }
+    told = _shared(event, nats, alike)
+    return told._replace(isolated_s=None, reasons=(*event.reasons, _TURNS))
 
 
 def _speed_before(event: Event, bank: Bank, rig: Rig) -> float:
