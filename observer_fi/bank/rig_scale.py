@@ -101,8 +101,8 @@ def _wandering(settings: BankSettings, friction: float) -> dict[str, float]:
 
 PAPERS_HZ = 1600.0  # samples a second of the paper, for which the settings' agility was found
 # Below so many an unknown servo does more in an interval than lets the filters foretell a reading: in steady motion they are wide
-# beside a reading that stands, which is no news of its sensor.
-SLOW_HZ = 225.0
+# beside a reading that stands, which is no news of its sensor. At 250 Hz one whose torque is fed forward still does.
+SLOW_HZ = 275.0
 
 
 def between_samples(settings: BankSettings, rig: Rig, rate_hz: float) -> BankSettings:

@@ -254,7 +254,8 @@ def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float, left: bool)
     if left:
         enough = min(enough, DRIVEN * float(np.median(i[a : a + round(AFTER_S * log.rate_hz)])))
     begin = max(a - round(LONGEST_S * log.rate_hz), 0)
-    pulls = np.convolve(i[begin:b] > enough, np.ones(SHORT), mode="same") > 0.5 * SHORT
+    more, around = i[begin:b] > enough, np.ones(SHORT)  # at the ends there are fewer
+    pulls = np.convolve(more, around, "same") > 0.5 * np.convolve(np.ones(more.size), around, "same")
     ends = np.flatnonzero(~pulls[: b - begin - SHORT])
     return max(a, begin + int(ends[0])) if ends.size else b
 
@@ -417,18 +418,31 @@ def _with_rests(
 
 
 def _is_rest(level: _Level, top: float, log: Log, model: Model, noise: float) -> bool:
-    """A speed within the noise, or a low one that a biased sensor shows while the position is constant."""
+    """A speed within the noise; one that a biased sensor shows while the position is constant, a low one or any without current.
+
+    No motor turns without some: a current sensor that died leaves the voltage that holds a motor at rest.
+    """
     if abs(level.seen) < 3.0 * noise:
         return True
     quarter = max((level.last - level.first) // 4, 1)
     x = log.z[level.first : level.last + 1, 2]
     head, tail = x[:quarter][np.isfinite(x[:quarter])], x[-quarter:][np.isfinite(x[-quarter:])]
-    if abs(level.seen) > RINGING_SHARE * top or not head.size or not tail.size:
+    low = abs(level.seen) <= RINGING_SHARE * top or _draws_nothing(log.z[:, 1], level)
+    if not low or not head.size or not tail.size:
         return False
     seconds = 0.75 * float(log.t[level.last] - log.t[level.first])
     error = float(np.sqrt(head.var() / head.size + tail.var() / tail.size))
     moved = abs(float(tail.mean() - head.mean()))
     return moved < 0.3 * model["D"] * abs(level.seen) * seconds + 3.0 * error
+
+
+def _draws_nothing(current: Array, level: _Level) -> bool:
+    """Whether a current (n,), which the log does show elsewhere, is within its noise over a level."""
+    i = current[level.first : level.last + 1]
+    i = i[np.isfinite(i)]
+    noise = 1.4826 * float(np.nanmedian(np.abs(np.diff(current)))) if i.size else 0.0
+    largest = float(np.nanmax(np.abs(current))) if i.size else 0.0
+    return i.size >= FEWEST_IN_BLOCK and abs(float(np.median(i))) < SIGMAS * noise < RINGING_SHARE * largest
 
 
 def _trapezoid(

@@ -117,7 +117,7 @@ FAULTS = table(
         states=(OwnState("d", 0.0, 2e-6, 0.0), OwnState("C", 1.0, None, 0.0), OwnState("E", 1.0, None, 0.0)),
         sizes=(  # from obstacle to obstacle they differ by decades
             OwnState("d", 0.0, 2e-6, 0.0),
-            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {} stiff", low=0.05, factor=5.0),
+            OwnState("C", 1.0, 6.0, 0.0, "stiffness", "the obstacle is {} stiff", low=0.002, factor=5.0),
             _SHARE_LOST._replace(low=0.03),
         ),
         laws=_SPRINGS,

@@ -62,7 +62,16 @@ from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
-from observer_fi.verdict.moves.unloaded import or_frozen, or_let_go, without_voltage
+from observer_fi.verdict.moves.unloaded import (
+    or_dead_voltage,
+    or_frozen,
+    or_left_behind,
+    or_let_go,
+    or_of_current,
+    or_stalled,
+    or_still_turning,
+    without_voltage,
+)
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.moves.with_the_brake import or_the_brake
@@ -434,7 +443,13 @@ class Diagnosis:
         if self.isolator.channels.lacks("voltage") and not self._servo_tells():
             alike = self.settings.decision.alike
             finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
-        finished = [or_an_obstacle(e, self.rate, self.rig) for e in finished]
+            finished = [or_left_behind(e, self.memory, self.logged, alike) for e in finished]
+        finished = [or_dead_voltage(e, self.memory, self.logged) for e in finished]
+        finished = [or_of_current(e, self.memory, self.logged) for e in finished]
+        finished = [
+            or_still_turning(e, self.memory, self.logged, self.settings.decision.alike) for e in finished
+        ]
+        finished = [or_an_obstacle(or_stalled(e, self.memory), self.rate, self.rig) for e in finished]
         if self.rate < SURE_HZ and not self.rig.watched.servo:
             finished = [or_let_go(e, self.memory) for e in finished]
         isolated = list(map(isolated_again, finished, found.events))

@@ -7,9 +7,11 @@ import pytest
 from drawn_sheets import drawn_sheet
 
 from observer_fi.learn import identify
+from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.logs import log_from_frame, with_command
 from observer_fi.physics import Rig, rig_of_sheet
-from observer_fi.records import Fit
+from observer_fi.records import Fit, Parameter
+from pipelines import rigs_study
 
 
 def fitted(
@@ -23,6 +25,25 @@ def fitted(
     rig = rig_of_sheet(drawn_sheet(actuator, drive)).rig
     frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
     return actuator, rig, identify([with_command(log_from_frame(frame), rig)], rig)
+
+
+def test_a_loop_that_is_fed_forward_has_no_winding_of_seconds() -> None:
+    """Its error makes no command: the campaign was one rest, which told a mean of 5614 voltages and 28 mH; `identify` failed."""
+    actuator = hidden.draw_actuator(660_101, "position_servo")
+    rig = rigs_study._from_sheet(actuator)
+    spec = replace(hidden.healthy_spec(actuator), speed_forward=1.0, torque_forward=1.0)
+    log = rigs_study._read(hidden.actuator_log(actuator, spec, 660_101)[0], rig)
+    assert winding_of([log], rig) is None
+
+
+@pytest.mark.parametrize(("left", "winding"), [(1.05, True), (1.45, False)])
+def test_a_winding_that_makes_the_current_worse_is_none(left: float, winding: bool) -> None:
+    """A motor without an inductance that starts softly had one: its Kp was 3 % off, and a healthy move a jam for sure."""
+    found = Parameter("inductance", 4e-3, 9e-4, 0.0, "H", 2e-3, 6e-3)
+    before = Fit((), None, {}, 9.9, {"current_a": 1.33e-3, "speed_rad_s": 0.07}, {})
+    behind = replace(before, nll_per_sample=-11.0, rmse={"current_a": left * 1.33e-3, "speed_rad_s": 0.2})
+    told = behind_inductance(behind, before, replace(before, inductance=found))
+    assert (told.inductance is not None) is winding
 
 
 def holds(actuator: hidden.Actuator, fit: Fit, *names: str) -> int:

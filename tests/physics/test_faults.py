@@ -21,6 +21,7 @@ from observer_fi.physics.faults import (
     words_of,
 )
 from observer_fi.physics.rigs import load_rig
+from observer_fi.physics.sheets.derived import PRESSED_M
 from observer_fi.records import CHANNELS, Consistency, Event, Isolation, Log
 from observer_fi.report import diagnosis as report
 from observer_fi.verdict.explain import explanation
@@ -131,3 +132,10 @@ def test_a_lost_coupling_has_a_blind_spot_that_depends_on_the_rig() -> None:
     assert f"{angle:.1f} deg" in FAULTS["coupling_loss"].caveat(PLANT)
     assert all(row.caveat(PLANT) == "" for row in ROWS if row.label != "coupling_loss")
     assert FAULTS[NOMINAL].rank > max(row.rank for row in ROWS if row.label != NOMINAL)
+
+
+@pytest.mark.parametrize("pressed_m", [10e-3, 24e-3, 40e-3])
+def test_a_bumper_of_a_long_travel_is_an_obstacle(pressed_m: float) -> None:
+    """Pressed by 24 mm (a rig file guesses 2 mm) it was no believable stiffness: a slip with a jam behind it, for sure."""
+    stiffness = next(own for own in FAULTS["overload"].sizes if own.name == "C")
+    assert stiffness.low <= (PRESSED_M / pressed_m) ** 2

@@ -46,6 +46,41 @@ def test_moves_of_slow_loggers(drive: str, rate_hz: float) -> None:
     assert right >= 6
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [660104, 662141])
+def test_a_servo_whose_torque_is_fed_forward(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its current steps within a sample of 250 Hz: healthy moves and jams were a failed voltage sensor for sure."""
+    plain = hidden.actuator_log
+    monkeypatch.setattr(
+        hidden,
+        "actuator_log",
+        lambda a, spec, seed: plain(a, replace(spec, speed_forward=1.0, torque_forward=1.0), seed),
+    )
+    actuator = slow("position_servo", seed, 250.0)
+    rig = rigs_study._learned(actuator)
+    for label in ("nominal", "jam"):
+        assert rigs_study._said(actuator, rig, label)["right"], label
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drive", "seed", "rate_hz", "label"),
+    [
+        ("voltage", 660200, 100.0, "sensor_fault"),  # a lost coupling for sure, as were the next two health
+        ("current", 660200, 25.0, "coupling_loss"),
+        ("current", 660201, 50.0, "slip"),
+        ("current", 662101, 25.0, "sensor_fault"),  # an obstacle for sure, as were the next two
+        ("current", 662100, 100.0, "sensor_fault"),
+        ("current", 662110, 25.0, "slip"),
+        ("voltage", 662110, 100.0, "overload"),  # unknown for sure
+        ("voltage", 662112, 50.0, "nominal"),  # a voltage sensor for sure
+    ],
+)
+def test_what_was_wrong_for_sure_is_told_or_shared(drive: str, seed: int, rate_hz: float, label: str) -> None:
+    actuator = slow(drive, seed, rate_hz)
+    assert rigs_study._said(actuator, rigs_study._learned(actuator), label)["right"]
+
+
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0])
 def test_a_rig_of_the_paper_whose_servo_nobody_knows_is_healthy(rate_hz: float) -> None:
     rig = replace(load_rig(), drive="voltage")
@@ -76,9 +111,10 @@ def condemned(R: float, drift: float = 0.0) -> tuple[Any, Any]:
     return event, bank
 
 
-@pytest.mark.parametrize("R", [19.0, 20.0, 21.0])
-def test_a_resistance_within_its_standard_error_is_no_failed_sensor(R: float) -> None:
-    assert or_the_resistance(*condemned(R), RIG).label == "nominal"
+@pytest.mark.parametrize(("R", "drift"), [(19.0, 0.0), (20.0, 0.0), (21.0, 0.0), (21.0, 0.1)])
+def test_a_resistance_within_its_standard_error_is_no_failed_sensor(R: float, drift: float) -> None:
+    """Also where a voltage that still settles leaves a little more than noise (662112 at 50 Hz)."""
+    assert or_the_resistance(*condemned(R, drift), RIG).label == "nominal"
 
 
 @pytest.mark.parametrize(("R", "drift"), [(25.0, 0.0), (15.0, 0.0), (20.0, 1.0)])

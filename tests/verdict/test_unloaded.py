@@ -14,7 +14,14 @@ from observer_fi.records import ChannelTraits
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 from observer_fi.verdict.diagnosis import isolated_again
-from observer_fi.verdict.moves.unloaded import without_voltage
+from observer_fi.verdict.moves.unloaded import (
+    or_dead_voltage,
+    or_left_behind,
+    or_of_current,
+    or_stalled,
+    or_still_turning,
+    without_voltage,
+)
 from observer_fi.verdict.stuck import of_a_stuck_sensor
 from observer_fi.verdict.testable import not_tested
 from pipelines import rigs_study
@@ -122,6 +129,126 @@ def test_a_mass_that_goes_on_without_a_current_has_a_dead_current_sensor(
 def test_a_slip_whose_current_stays_is_one() -> None:
     slip = event("slip", None)
     assert without_voltage(slip, moved(False, 1.0), RIG, ALIKE) is slip
+
+
+@pytest.mark.parametrize(
+    ("pace", "change", "alike"),
+    [(1.0, 1.5, "sensor_fault"), (1.3, 1.0, "sensor_fault"), (0.6, 1.0, "slip"), (0.6, 1.5, None)],
+)
+def test_an_obstacle_slows_its_mass_and_loads_its_motor(
+    pace: float, change: float, alike: str | None
+) -> None:
+    """A gain of either sensor was an obstacle for sure, one that a mass passes as fast as before, or faster; so was a slip."""
+    memory = bank(change)
+    t = memory.recent.t
+    memory.recent.z[:, 2] = 0.01 * (np.minimum(t, 2.0) + pace * np.maximum(t - 2.0, 0.0))
+    told = without_voltage(event("overload", None), memory, RIG, ALIKE)
+    assert told.alike == ((alike,) if alike else ())
+    assert told.probability == (0.5 if alike else 1.0)
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 25.0])
+def test_a_slow_log_has_its_current_and_its_speeds_seen(rate_hz: float) -> None:
+    """A third of a second is too few samples there: a mass that went on without a current was an obstacle for sure."""
+    memory = bank(0.0, rate_hz, noise=1e-4)
+    memory.recent.z[:, 2] = 7e-4 * memory.recent.t
+    told = without_voltage(event("overload", None), memory, RIG, ALIKE)
+    assert (told.label, told.channel) == ("sensor_fault", "current")
+
+
+@pytest.mark.parametrize(("pace", "read", "dead"), [(1.0, 0.0, True), (0.0, 0.0, False), (1.0, 0.5, False)])
+def test_a_mass_that_goes_on_without_a_voltage_has_a_dead_voltage_sensor(
+    pace: float, read: float, dead: bool
+) -> None:
+    """At 100 Hz a voltage that was lost was no fault with a name, for sure."""
+    memory = bank(1.0, 100.0)
+    t = memory.recent.t
+    memory.recent.z[:, 0] = 9.0 * np.where(t > 2.0, read, 1.0)
+    memory.recent.z[:, 2] = 7e-4 * (np.minimum(t, 2.0) + pace * np.maximum(t - 2.0, 0.0))
+    told = or_dead_voltage(event("unknown", None), memory, RIG)
+    assert ((told.label, told.channel) == ("sensor_fault", "voltage")) is dead
+    assert or_dead_voltage(event("nominal", None), memory, RIG).label == "nominal"
+
+
+@pytest.mark.parametrize(
+    ("stands", "change", "alike"), [(True, 4.0, True), (True, 0.5, False), (False, 4.0, False)]
+)
+def test_a_mass_that_stands_while_its_motor_pulls_was_stopped(
+    stands: bool, change: float, alike: bool
+) -> None:
+    """A motor that an obstacle stalled within eight samples was no fault with a name, for sure."""
+    told = or_stalled(event("unknown", None), moved(stands, change))
+    assert (told.alike == ("overload", "jam")) is alike
+    assert told.label == "unknown" and told.probability == (pytest.approx(1.0 / 3.0) if alike else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("pace", "voltage", "channel"), [(1.0, 1.0, "current"), (0.9, 1.0, "position"), (1.0, 1.1, "position")]
+)
+def test_a_current_that_alone_changed_is_read_by_a_sensor_that_failed(
+    pace: float, voltage: float, channel: str
+) -> None:
+    """At 25 Hz a gain of the current was a failed position, for sure, whose readings went on as before."""
+    memory = bank(1.5, 25.0, noise=1e-4)
+    t = memory.recent.t
+    memory.recent.z[:, 0] = 9.0 * np.where(t > 2.0, voltage, 1.0)
+    travel = np.minimum(t, 2.0) + pace * np.maximum(t - 2.0, 0.0)
+    memory.recent.z[:, 2] = 400.0 * RIG.model["D"] * travel
+    told = or_of_current(event("sensor_fault", "position"), memory, RIG)
+    assert (told.label, told.channel) == ("sensor_fault", channel)
+
+
+@pytest.mark.parametrize(
+    ("emf", "stands", "shared"), [(1.0, True, True), (0.9, True, False), (1.0, False, False)]
+)
+def test_a_motor_that_turns_on_beside_a_mass_that_stands(emf: float, stands: bool, shared: bool) -> None:
+    """At 25 Hz a lost coupling was a voltage sensor for sure, whose readings fell by just what the winding takes less."""
+    memory = moved(stands, 0.5)
+    after = memory.recent.t > 2.0
+    memory.recent.z[:, 0] = RIG.model["Rm"] * memory.recent.z[:, 1] + 8.0 * np.where(after, emf, 1.0)
+    told = or_still_turning(event("sensor_fault", "voltage"), memory, RIG, ALIKE)
+    assert (told.alike == ("coupling_loss",)) is shared and told.label == "sensor_fault"
+
+
+def slow_log(falls_s: float, loses: float) -> Any:
+    """At 25 Hz, a mass that loses a share of its speed at 2 s, and a current that goes on until it falls, told so long."""
+    memory = bank(1.0, 25.0, noise=1e-4)
+    t = memory.recent.t
+    memory.recent.w_cmd = np.where(t < falls_s, np.where(t < 2.0, 1.0, 1.0 - loses or 1.0) * 400.0, 0.0)
+    memory.recent.z[t >= 2.0, 1] *= 1.0 if loses < 1.0 else 0.7  # a motor that lost its mass needs less
+    memory.recent.z[t >= falls_s, 1] *= -0.3
+    moving = np.minimum(t, falls_s)
+    travel = np.minimum(moving, 2.0) + (1.0 - loses) * np.maximum(moving - 2.0, 0.0)
+    memory.recent.z[:, 2] = 400.0 * RIG.model["D"] * travel + 1e-6 * np.random.default_rng(4).normal(
+        size=t.size
+    )
+    return memory
+
+
+@pytest.mark.parametrize(
+    ("falls_s", "loses", "alike"),
+    [(3.2, 1.0, "coupling_loss"), (3.2, 0.5, "slip"), (3.2, 0.0, None), (2.1, 1.0, None), (5.0, 1.0, None)],
+)
+def test_a_mass_that_slows_without_its_motor_is_no_all_clear(
+    falls_s: float, loses: float, alike: str | None
+) -> None:
+    """Between two slow samples a current may do anything, and nominal explained every loss of speed: 0.99 of health.
+
+    A motor that is stopped with its mass, and a servo that goes on to hold it, are healthy.
+    """
+    health, memory = event("nominal", None), slow_log(falls_s, loses)
+    told = or_left_behind(health, memory, RIG, ALIKE)
+    assert (told is health) is (alike is None)
+    assert alike is None or (told.label == "nominal" and alike in told.alike and told.probability <= 0.5)
+
+
+def test_a_current_that_slows_its_motor_explains_a_slower_mass() -> None:
+    memory = slow_log(3.2, 0.5)
+    t, taken_s = memory.recent.t, 0.12
+    braking = (t >= 1.98) & (t < 1.98 + taken_s)
+    memory.recent.z[braking, 1] -= 200.0 * RIG.model["J"] / RIG.model["Km"] / taken_s
+    health = event("nominal", None)
+    assert or_left_behind(health, memory, RIG, ALIKE) is health
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ STILL_S = 0.1  # after the last motion, until what a stop rings is over
 FEWEST = 5  # samples
 READS = 5.0  # times its noise, of a current that tells a resistance
 IN_DOUBT = 3.0  # standard errors of the resistance
-FITS = 2.0  # mean square of what is left of the voltage, over its noise and the current's
+# Mean square of what is left of the voltage, over its noise and the current's; or over what the file's resistance leaves.
+FITS, NEXT_TO_NOTHING = 2.0, 0.01
 
 
 def or_the_resistance(event: Event, bank: Bank, rig: Rig) -> Event:
@@ -31,5 +32,6 @@ def or_the_resistance(event: Event, bank: Bank, rig: Rig) -> Event:
         return event
     V, i = V[held], i[held]
     R = float(V @ i / (i @ i))
-    left = float(np.mean((V - R * i) ** 2)) / float(noise_V**2 + (R * noise_i) ** 2)
-    return healthy(event) if abs(R - known.value) <= IN_DOUBT * known.std and left <= FITS else event
+    left, had = (float(np.mean((V - ohm * i) ** 2)) for ohm in (R, known.value))
+    fits = left <= max(FITS * float(noise_V**2 + (R * noise_i) ** 2), NEXT_TO_NOTHING * had)
+    return healthy(event) if abs(R - known.value) <= IN_DOUBT * known.std and fits else event
