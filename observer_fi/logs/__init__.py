@@ -19,6 +19,7 @@ from observer_fi.logs.line_parser import BrokenLineError, Clock, Parser, Row, Sp
 from observer_fi.logs.logger.acquisition import (
     OFF_ZERO,
     SET_UP_DEG,
+    SWITCHED,
     acquisition_of,
     channel_traits,
     rests_for_noise,
@@ -43,6 +44,7 @@ from observer_fi.logs.logger.low_pass import (
     with_low_passes,
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
+from observer_fi.logs.logger.noise_changes import NoiseChange, noise_change
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.logger.winding import (
     Uninductive,
@@ -125,6 +127,9 @@ __all__ = [
     "Excitation",
     "OFF_ZERO",
     "SHORTEST_REST",
+    "SWITCHED",
+    "NoiseChange",
+    "noise_change",
     "FEWEST_STEPS",
     "PLAIN",
     "Parser",

@@ -169,3 +169,21 @@ def test_a_fault_without_a_name_may_be_of_a_recovered_command() -> None:
     frame, _ = make_log(draw_move_case(3330102, "nominal"), 3330102)
     drifting = frame.assign(**{V: frame[V] + 0.24 * frame["time_s"]}).drop(columns="speed_cmd_rad_s")
     assert verdict_on(drifting).probability <= 0.95
+
+
+@pytest.mark.parametrize("seed", [5920000, 5920003])
+def test_a_sensor_that_fails_before_the_actuator_does_not_hide_that(seed: int) -> None:
+    """The position is read 25 times a second from shortly before an obstacle on: voltage and current feel that all the same."""
+    frame, truth = make_log(draw_move_case(seed, "overload"), seed)
+    rows, first = np.arange(len(frame)), int(np.searchsorted(frame["time_s"], truth["onset_s"] - 0.15))
+    held = np.where(rows < first, rows, rows // 64 * 64)
+    verdict = verdict_on(frame.assign(**{X: frame[X].to_numpy()[held]}))
+    assert (verdict.label, verdict.probability) == ("sensor_fault", 0.5)
+    assert "overload" in verdict.alike
+
+
+def test_a_sensor_that_fails_alone_is_sure_to() -> None:
+    frame, _ = make_log(failing(5920004, "bias", "position", 3e-4, 0.9), 5920004)
+    verdict = verdict_on(frame)
+    assert (verdict.label, verdict.channel, verdict.alike) == ("sensor_fault", "position", ())
+    assert verdict.probability > 0.95

@@ -30,6 +30,7 @@ from observer_fi.verdict.drift import (
     or_else,
 )
 from observer_fi.verdict.explain import explanation
+from observer_fi.verdict.isolate import log_verdict
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import first_start
@@ -57,6 +58,7 @@ A_LOAD_CAME = "voltage and current show another load from then on, as an obstacl
 OF_THE_COMMAND = (
     "the command was recovered from voltage and current: where one of them is wrong, so is the command"
 )
+AS_WELL = "the other channels are not those of a healthy move, and show {}: its sensor may be right, or both have failed"
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
 OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
@@ -117,6 +119,29 @@ def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[
     return () if verdict.label == UNKNOWN and len(found) > 1 else found
 
 
+def not_the_sensor_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> int | None:
+    """Index of a channel that is sure to have failed, where without it a log is not healthy up to the end of the verdict's move.
+
+    None where it is, so that only the sensor fails, and where the log does not tell.
+    """
+    until = _until(log, verdict, rig) if verdict.channel and verdict.probability > SURE else None
+    if until is None or _healthy_without(until, verdict.channel or "", verdict, rig, settings).explains:
+        return None
+    return CHANNELS.index(verdict.channel or "")
+
+
+def with_the_actuator(outcome: Outcome, rest: Outcome, rig: Rig) -> Outcome:
+    """The outcome of a failed sensor, shared with the fault of the actuator that the rest of its channels tell."""
+    found = rest.isolation
+    if found is None or outcome.isolation is None or found.verdict.label == UNKNOWN:
+        return outcome
+    if not is_of_the_actuator(found.verdict):
+        return outcome
+    label = found.verdict.label
+    why = AS_WELL.format(FAULTS[label].words)
+    return shared(outcome, outcome.isolation.verdict, lambda event: or_as_well(event, label, why), rig)
+
+
 def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
     """An outcome that is sure of what the other channels do not say, shared with what they say. begin: the first chunk."""
     verdict = outcome.isolation.verdict if outcome.isolation is not None else None
@@ -128,7 +153,7 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
         return _or_the_other(outcome, verdict, begin, rig, settings)
     nameless = verdict.label == UNKNOWN and not verdict.severity and begins_with_the_motion(verdict)
     if nameless and outcome.log is not None and is_recovered(outcome.log):
-        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
+        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
     return outcome
 
 
@@ -145,9 +170,9 @@ def _or_the_position(
         return outcome
     motor = _healthy_without(until, "position", verdict, rig, settings)
     if verdict.label == "coupling_loss" and motor.explains:
-        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
+        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
     if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
-        return _shared(outcome, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
+        return shared(outcome, verdict, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
     return outcome
 
 
@@ -163,8 +188,9 @@ def _or_the_other(
     if _healthy_without(until, own, verdict, rig, settings).explains:
         return outcome
     why = OR_THE_OTHER.format(COLUMNS[own], COLUMNS[other])
-    return _shared(
+    return shared(
         outcome,
+        verdict,
         lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
         rig,
     )
@@ -216,14 +242,20 @@ def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings:
     return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
 
 
-def _shared(outcome: Outcome, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
-    """The outcome with its verdict, and the event that this is, in doubt."""
+def shared(outcome: Outcome, event: Event, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
+    """The outcome with one of its events in doubt, and the verdict that follows."""
     found = outcome.isolation
     if found is None:
         return outcome
-    which = found.verdict.start_s, found.verdict.label
+    which = event.start_s, event.label
     events = tuple(doubted(e) if (e.start_s, e.label) == which else e for e in found.events)
-    told = replace(found, verdict=doubted(found.verdict), events=events)
+    verdict = log_verdict(list(events))
+    told = replace(
+        found,
+        verdict=verdict,
+        events=events,
+        could_show=found.could_show if verdict.label == NOMINAL else None,
+    )
     words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
     return replace(outcome, isolation=told, explanation=words)
 
