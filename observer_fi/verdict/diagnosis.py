@@ -46,6 +46,7 @@ from observer_fi.verdict.isolate import (
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.logger.changed_noise import or_a_changed_noise
 from observer_fi.verdict.logger.left_out import (
@@ -128,7 +129,7 @@ def diagnose(
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
     begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
-    outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
+    outcome = _doubted(outcome, begin, rig, settings)
     for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
@@ -142,6 +143,12 @@ def diagnose(
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
     """Those that matter to a drive: a column that it has no use for is not missing."""
     return tuple(n for n in notes if rig.law is None or not n.startswith(ABSENT))
+
+
+def _doubted(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
+    """An outcome, shared with what the readings themselves say of it. begin: the first chunk of the log."""
+    outcome = or_another(outcome, begin, rig, settings)
+    return or_unbalanced(or_a_changed_noise(outcome, begin, rig), begin, rig)
 
 
 def _taken_otherwise(
@@ -198,7 +205,7 @@ def judged(
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
-    outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
+    outcome = _doubted(outcome, lambda: given, rig, settings)
     for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)

@@ -94,7 +94,7 @@ def test_a_voltage_that_fails_is_no_command_that_was_not_followed(kind: str) -> 
 
 
 def test_a_current_that_drops_out_behind_held_readings_is_no_command_that_was_not_followed() -> None:
-    """Held readings make another ramp of it, and a command that is recovered from a current that failed is wrong from there on."""
+    """Held readings make another ramp of it; a command that is recovered from a current that failed is wrong from there on."""
     spec = draw_failing_case(5_930_003, "dropout", "current", 3.0)
     frame, _ = make_log_with("drive_400hz", spec, 5_930_003)
     found = diagnose_log(log_from_frame(frame), RIG, SETTINGS).isolation

@@ -151,7 +151,7 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
         return _or_the_position(outcome, verdict, begin, rig, settings)
     if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
         return _or_the_other(outcome, verdict, begin, rig, settings)
-    nameless = verdict.label == UNKNOWN and not verdict.severity and begins_with_the_motion(verdict)
+    nameless = verdict.label == UNKNOWN and not verdict.severity
     if nameless and outcome.log is not None and is_recovered(outcome.log):
         return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
     return outcome
