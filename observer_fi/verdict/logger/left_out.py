@@ -50,15 +50,16 @@ TOLD_BY_ONE = (
     "without {} the log is that of a healthy actuator from its first sample to the end of the move, and no fault of the actuator "
     "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
 )
-NO_LOAD_GONE = (
-    "voltage and current of the motor are those of a healthy move, as no lost coupling leaves them: the position may as well be "
-    "wrong"
+SAME_LOAD = (
+    "voltage and current of the motor are those of a healthy move, as neither a lost coupling nor an obstacle leaves them: the "
+    "position may as well be wrong"
 )
 A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
 OF_THE_COMMAND = (
     "the command was recovered from voltage and current: where one of them is wrong, so is the command"
 )
 AS_WELL = "the other channels are not those of a healthy move, and show {}: its sensor may be right, or both have failed"
+LOUD = 2.0  # times the noise of the rig file: a position that no longer shows how an obstacle is met
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
 OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
@@ -132,14 +133,21 @@ def not_the_sensor_alone(log: Log, verdict: Event, rig: Rig, settings: Settings)
 
 def with_the_actuator(outcome: Outcome, rest: Outcome, rig: Rig) -> Outcome:
     """The outcome of a failed sensor, shared with the fault of the actuator that the rest of its channels tell."""
-    found = rest.isolation
-    if found is None or outcome.isolation is None or found.verdict.label == UNKNOWN:
+    found, before = rest.isolation, outcome.isolation
+    if found is None or before is None:
         return outcome
-    if not is_of_the_actuator(found.verdict):
+    labels = (found.verdict.label, *found.verdict.alike)
+    if not all(label in FAULTS and label not in NO_FAULT_OF_IT for label in labels) or NOMINAL in labels:
         return outcome
-    label = found.verdict.label
-    why = AS_WELL.format(FAULTS[label].words)
-    return shared(outcome, outcome.isolation.verdict, lambda event: or_as_well(event, label, why), rig)
+
+    why = AS_WELL.format(" or ".join(FAULTS[label].words for label in labels))
+    shares = {before.verdict.label: ONE_OF_TWO, **dict.fromkeys(labels, (1.0 - ONE_OF_TWO) / len(labels))}
+
+    def shown(event: Event) -> Event:
+        told = or_as_well(event, labels[0], why)
+        return told._replace(posterior={**told.posterior, **shares}, alike=(*told.alike, *labels[1:]))
+
+    return shared(outcome, before.verdict, shown, rig)
 
 
 def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
@@ -147,7 +155,7 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
     verdict = outcome.isolation.verdict if outcome.isolation is not None else None
     if verdict is None or verdict.probability <= SURE:
         return outcome
-    if verdict.label in ("coupling_loss", "slip"):
+    if verdict.label in ("coupling_loss", "overload", "slip"):
         return _or_the_position(outcome, verdict, begin, rig, settings)
     if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
         return _or_the_other(outcome, verdict, begin, rig, settings)
@@ -162,15 +170,19 @@ def _or_the_position(
 ) -> Outcome:
     """A fault that the position tells, shared with what voltage and current say of the motor.
 
-    A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
-    failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
+    A lost coupling takes its load from the motor, an obstacle adds one: where they see none go or come the position alone tells
+    it, which may be what failed; of an obstacle, which shows where it is met, only one with much noise. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
     """
     until = _until(begin(), verdict, rig)
     if until is None:
         return outcome
     motor = _healthy_without(until, "position", verdict, rig, settings)
-    if verdict.label == "coupling_loss" and motor.explains:
-        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
+    hides = (
+        outcome.acquisition is not None
+        and outcome.acquisition.position.as_white > LOUD * rig.file_noise_std[2]
+    )
+    if motor.explains and (verdict.label == "coupling_loss" or (verdict.label == "overload" and hides)):
+        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", SAME_LOAD), rig)
     if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
         return shared(outcome, verdict, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
     return outcome
