@@ -54,13 +54,11 @@ from observer_fi.verdict.logger.left_out import (
     is_of_the_actuator,
     left_out,
     may_be_a_channel,
-    not_the_sensor_alone,
     of_the_rest,
-    or_another,
     told_alone,
-    with_the_actuator,
     without,
 )
+from observer_fi.verdict.logger.other_channels import not_the_sensor_alone, or_another, with_the_actuator
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import CHUNK_ROWS, is_recovered, log_segments, suspect_units
+from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
 from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
@@ -26,7 +26,6 @@ from observer_fi.verdict.drift import (
     friction_in_spreads,
     largest_means,
     mostly,
-    or_as_well,
     or_else,
 )
 from observer_fi.verdict.explain import explanation
@@ -50,19 +49,8 @@ TOLD_BY_ONE = (
     "without {} the log is that of a healthy actuator from its first sample to the end of the move, and no fault of the actuator "
     "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
 )
-SAME_LOAD = (
-    "voltage and current of the motor are those of a healthy move, as neither a lost coupling nor an obstacle leaves them: the "
-    "position may as well be wrong"
-)
-A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
-OF_THE_COMMAND = (
-    "the command was recovered from voltage and current: where one of them is wrong, so is the command"
-)
-AS_WELL = "the other channels are not those of a healthy move, and show {}: its sensor may be right, or both have failed"
-LOUD = 2.0  # times the noise of the rig file: a position that no longer shows how an obstacle is met
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
-OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
 ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
@@ -112,103 +100,15 @@ def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[
     None of them where that ends behind the first samples that are at hand, nor both where the verdict has no name: a circuit
     may have changed.
     """
-    until = _until(log, verdict, rig)
+    until = end_of_move(log, verdict, rig)
     if until is None:
         return ()
-    names = (name for name in ELECTRICAL if _healthy_without(until, name, verdict, rig, settings).explains)
+    names = (name for name in ELECTRICAL if healthy_without(until, name, verdict, rig, settings).explains)
     found = tuple(CHANNELS.index(name) for name in names)
     return () if verdict.label == UNKNOWN and len(found) > 1 else found
 
 
-def not_the_sensor_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> int | None:
-    """Index of a channel that is sure to have failed, where without it a log is not healthy up to the end of the verdict's move.
-
-    None where it is, so that only the sensor fails, and where the log does not tell.
-    """
-    until = _until(log, verdict, rig) if verdict.channel and verdict.probability > SURE else None
-    if until is None or _healthy_without(until, verdict.channel or "", verdict, rig, settings).explains:
-        return None
-    return CHANNELS.index(verdict.channel or "")
-
-
-def with_the_actuator(outcome: Outcome, rest: Outcome, rig: Rig) -> Outcome:
-    """The outcome of a failed sensor, shared with the fault of the actuator that the rest of its channels tell."""
-    found, before = rest.isolation, outcome.isolation
-    if found is None or before is None:
-        return outcome
-    labels = (found.verdict.label, *found.verdict.alike)
-    if not all(label in FAULTS and label not in NO_FAULT_OF_IT for label in labels) or NOMINAL in labels:
-        return outcome
-
-    why = AS_WELL.format(" or ".join(FAULTS[label].words for label in labels))
-    shares = {before.verdict.label: ONE_OF_TWO, **dict.fromkeys(labels, (1.0 - ONE_OF_TWO) / len(labels))}
-
-    def shown(event: Event) -> Event:
-        told = or_as_well(event, labels[0], why)
-        return told._replace(posterior={**told.posterior, **shares}, alike=(*told.alike, *labels[1:]))
-
-    return shared(outcome, before.verdict, shown, rig)
-
-
-def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
-    """An outcome that is sure of what the other channels do not say, shared with what they say. begin: the first chunk."""
-    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
-    if verdict is None or verdict.probability <= SURE:
-        return outcome
-    if verdict.label in ("coupling_loss", "overload", "slip"):
-        return _or_the_position(outcome, verdict, begin, rig, settings)
-    if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
-        return _or_the_other(outcome, verdict, begin, rig, settings)
-    nameless = verdict.label == UNKNOWN and not verdict.severity
-    if nameless and outcome.log is not None and is_recovered(outcome.log):
-        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
-    return outcome
-
-
-def _or_the_position(
-    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
-) -> Outcome:
-    """A fault that the position tells, shared with what voltage and current say of the motor.
-
-    A lost coupling takes its load from the motor, an obstacle adds one: where they see none go or come the position alone tells
-    it, which may be what failed; of an obstacle, which shows where it is met, only one with much noise. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
-    """
-    until = _until(begin(), verdict, rig)
-    if until is None:
-        return outcome
-    motor = _healthy_without(until, "position", verdict, rig, settings)
-    hides = (
-        outcome.acquisition is not None
-        and outcome.acquisition.position.as_white > LOUD * rig.file_noise_std[2]
-    )
-    if motor.explains and (verdict.label == "coupling_loss" or (verdict.label == "overload" and hides)):
-        return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", SAME_LOAD), rig)
-    if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
-        return shared(outcome, verdict, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
-    return outcome
-
-
-def _or_the_other(
-    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
-) -> Outcome:
-    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one only."""
-    own = verdict.channel or ""
-    (other,) = set(ELECTRICAL) - {own}
-    until = _until(begin(), verdict, rig)
-    if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
-        return outcome
-    if _healthy_without(until, own, verdict, rig, settings).explains:
-        return outcome
-    why = OR_THE_OTHER.format(COLUMNS[own], COLUMNS[other])
-    return shared(
-        outcome,
-        verdict,
-        lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
-        rig,
-    )
-
-
-def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
+def end_of_move(log: Log, verdict: Event, rig: Rig) -> Log | None:
     """The log up to the end of a verdict's move, None where that is not at hand or voltage and current are not told."""
     first = log.part(slice(0, CHUNK_ROWS))
     whole = all(np.isfinite(first.z[:, CHANNELS.index(name)]).any() for name in ELECTRICAL)
@@ -217,7 +117,7 @@ def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
     return first.part(slice(0, int(np.searchsorted(first.t, verdict.end_s, "right"))))
 
 
-class _Healthy(NamedTuple):
+class Healthy(NamedTuple):
     """How nominal explains a log: NIS over its expectation; times (n,) [s] in the verdict's move once its start has settled, and
     the largest means (n,) of innovations then; the friction, in spreads from rig to rig.
     """
@@ -241,7 +141,7 @@ class _Healthy(NamedTuple):
         return bool(self.means.max(initial=0.0) > max(LIMIT, CHANGES * before))
 
 
-def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
+def healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> Healthy:
     log = commanded(without(log, CHANNELS.index(channel)), rig)
     known = AsLogged(log, rig, settings.bank)
     taken = known.take(log)
@@ -251,7 +151,7 @@ def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings:
     settled = e.active & (e.t > verdict.start_s + SETTLED_S)
     means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
     friction = friction_in_spreads(verdict, nominal)
-    return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
+    return Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
 
 
 def shared(outcome: Outcome, event: Event, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
