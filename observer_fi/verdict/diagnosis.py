@@ -127,26 +127,20 @@ def diagnose(
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
     begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
-    outcome = _doubted(outcome, begin, rig, settings)
+    outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
     for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
         told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
         found = choose(outcome, told)
         if found is not outcome:
-            return found
-    return outcome
+            return or_unbalanced(found, begin, rig)
+    return or_unbalanced(outcome, begin, rig)
 
 
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
     """Those that matter to a drive: a column that it has no use for is not missing."""
     return tuple(n for n in notes if rig.law is None or not n.startswith(ABSENT))
-
-
-def _doubted(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
-    """An outcome, shared with what the readings themselves say of it. begin: the first chunk of the log."""
-    outcome = or_another(outcome, begin, rig, settings)
-    return or_unbalanced(or_a_changed_noise(outcome, begin, rig), begin, rig)
 
 
 def _taken_otherwise(
@@ -203,13 +197,14 @@ def judged(
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
-    outcome = _doubted(outcome, lambda: given, rig, settings)
+    outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
     for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)
         if found is not outcome:
-            return found, told if found.acquisition is again.acquisition else estimate
-    return outcome, estimate
+            rests_on = told if found.acquisition is again.acquisition else estimate
+            return or_unbalanced(found, lambda: given, rig), rests_on
+    return or_unbalanced(outcome, lambda: given, rig), estimate
 
 
 def _judged(

@@ -12,7 +12,7 @@ import numpy as np
 
 from observer_fi.logs import SHORTEST_REST, rests_of
 from observer_fi.numerics import with_unit
-from observer_fi.physics import Rig
+from observer_fi.physics import UNKNOWN, Rig
 from observer_fi.records import Acquisition, Log, Outcome
 from observer_fi.verdict.drift import SURE, or_as_well
 from observer_fi.verdict.logger.left_out import ELECTRICAL, shared
@@ -36,12 +36,14 @@ class _Level(NamedTuple):
 
 def or_unbalanced(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
     """The outcome of a log, sure of something else than voltage or current, shared with a failed sensor where these disagree at
-    a rest as they did not in the one before the first move. begin: the first chunk of the log.
+    a rest as they did not in the one before the first move. begin: the first chunk of the log. A circuit that has changed, by a size
+    that is told, explains it.
     """
     found, logger = outcome.isolation, outcome.acquisition
     if found is None or logger is None or not rig.driven.motor or found.verdict.channel in ELECTRICAL:
         return outcome
-    if not found.verdict.probability > SURE:
+    circuit = found.verdict.label == UNKNOWN and bool(found.verdict.severity)
+    if circuit or not found.verdict.probability > SURE:
         return outcome
     levels = _levels(begin(), logger, rig)
     off = [one for one in levels[1:] if abs(one.volts - levels[0].volts) > one.doubt + levels[0].doubt]
