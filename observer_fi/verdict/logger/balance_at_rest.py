@@ -36,8 +36,9 @@ class _Level(NamedTuple):
 
 def or_unbalanced(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
     """The outcome of a log, sure of something else than voltage or current, shared with a failed sensor where these disagree at
-    a rest as they did not in the one before the first move. begin: the first chunk of the log. A circuit that has changed, by a size
-    that is told, explains it.
+    a rest as they did not in the one before the first move. begin: the first chunk of the log.
+
+    A circuit that has changed, by a size that is told, explains it.
     """
     found, logger = outcome.isolation, outcome.acquisition
     if found is None or logger is None or not rig.driven.motor or found.verdict.channel in ELECTRICAL:
