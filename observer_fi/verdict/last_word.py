@@ -232,7 +232,7 @@ class LastWord:
             slips = (
                 -lost * self.rig.model["D"] * float(whole.window.w_cmd[whole.moving - 1])
             )  # m/s that a sensor would have to drift
-            goes_on = _goes_on(drift, slips, self.filters.rig.noise_std[2])
+            goes_on = _is_near(drift, slips, self.filters.rig.noise_std[2])
             if goes_on is not True:
                 yield story
             if goes_on is not False:
@@ -375,16 +375,11 @@ def _as_fast(earlier: Mask, later: Mask, lost: float, window: LogSamples, told: 
     return all(abs(b - a) < KEEPS * lost * abs(a) for a, b in pairs)
 
 
-def _goes_on(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:
-    """Whether a position drifts at rest at least half as expected [m/s], or stands; None where its noise [m] leaves both, or it
-    drifts the other way.
-
-    One without its slow part (a high pass) loses more and more on the way, and goes back as fast at rest.
-    """
+def _is_near(drift: tuple[float, float] | None, expected: float, noise: float) -> bool | None:
+    """Whether a position drifts at rest as expected [m/s], or stands; None where its noise [m] leaves both."""
     if drift is None or abs(expected) < 2.0 * Z_REST * drift[1] * noise:
         return None
-    share = drift[0] / expected
-    return None if share < -0.5 else share > 0.5
+    return abs(drift[0] - expected) < 0.5 * abs(expected)
 
 
 def _begins_at_rest(path: Path, whole: WholeMove) -> bool:
