@@ -4,9 +4,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from hidden import TruthSpec, draw_move_case, make_log
+from hidden import Fault, TruthSpec, draw_move_case, make_log
 
-from observer_fi.records import Log
+from observer_fi.records import Event, Log
 
 
 @cache
@@ -51,3 +51,14 @@ def holed(log: Log, seed: int, share: float = 0.1) -> Log:
     keep = np.ones(n, dtype=bool)
     keep[n // 3 : n // 3 + n // 10] = False
     return rows(out, keep)
+
+
+def failing(seed: int, kind: str, channel: str, size: float, onset_s: float) -> TruthSpec:
+    """A healthy move in which one sensor fails so at that time."""
+    fault = Fault("sensor_fault", onset_s, kind, channel, size)
+    return replace(draw_move_case(seed, "nominal"), fault=fault)
+
+
+def sure_of(label: str, onset_s: float, end_s: float) -> Event:
+    """The verdict of which a bank was sure, on a move from 0.3 s on."""
+    return Event(label, None, 1.0, onset_s, (onset_s, onset_s), onset_s, onset_s, 0.3, end_s, {label: 1.0})

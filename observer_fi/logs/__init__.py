@@ -20,6 +20,7 @@ from observer_fi.logs.logger.acquisition import (
     OFF_ZERO,
     SET_UP_DEG,
     STANDING,
+    SWITCHED,
     acquisition_of,
     channel_traits,
     rests_for_noise,
@@ -44,6 +45,7 @@ from observer_fi.logs.logger.low_pass import (
     with_low_passes,
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
+from observer_fi.logs.logger.noise_changes import NoiseChange, noise_change
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.logger.winding import (
     Uninductive,
@@ -127,6 +129,9 @@ __all__ = [
     "OFF_ZERO",
     "STANDING",
     "SHORTEST_REST",
+    "SWITCHED",
+    "NoiseChange",
+    "noise_change",
     "FEWEST_STEPS",
     "PLAIN",
     "Parser",

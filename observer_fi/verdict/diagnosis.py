@@ -45,19 +45,21 @@ from observer_fi.verdict.isolate import (
     tested,
 )
 from observer_fi.verdict.last_word import LastWord
-from observer_fi.verdict.logger.as_followed import as_followed, better, is_odd
+from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
+from observer_fi.verdict.logger.changed_noise import or_a_changed_noise
 from observer_fi.verdict.logger.left_out import (
     TOLD_BY_ONE,
     is_of_the_actuator,
     left_out,
     may_be_a_channel,
     of_the_rest,
-    or_another,
     told_alone,
     without,
 )
+from observer_fi.verdict.logger.other_channels import not_the_sensor_alone, or_another, with_the_actuator
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
@@ -136,15 +138,15 @@ def diagnose(
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
     begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
-    outcome = or_another(outcome, begin, rig, settings)
+    outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
     for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
         again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
         again.add_all(_pieces(other, progress))
         told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
         found = choose(outcome, told)
         if found is not outcome:
-            return found
-    return outcome
+            return or_unbalanced(found, begin, rig)
+    return or_unbalanced(outcome, begin, rig)
 
 
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
@@ -160,9 +162,9 @@ def _taken_otherwise(
     read: the log; begin: its first chunk at least.
 
     With the command that its servo followed; without a channel that contradicts the others from the first motion on, and
-    without one that alone tells a fault of the actuator.
+    without one that alone tells a fault of the actuator, or has failed with a fault beside it.
     """
-    followed = as_followed(read(), rig) if is_odd(outcome) else None
+    followed = as_followed(read(), rig) if may_not_be_followed(outcome) else None
     if followed is not None:
         yield followed, better
     if may_be_a_channel(outcome):
@@ -170,6 +172,10 @@ def _taken_otherwise(
         if channel is not None:
             yield without(read(), channel), partial(of_the_rest, channels=(channel,), rig=rig)
     found = outcome.isolation
+    if found is not None and found.verdict.label == "sensor_fault":
+        failed = not_the_sensor_alone(begin(), found.verdict, rig, settings)
+        if failed is not None:
+            yield without(read(), failed), partial(with_the_actuator, rig=rig)
     if found is not None and is_of_the_actuator(found.verdict):
         alone = told_alone(begin(), found.verdict, rig, settings)
         if alone:
@@ -202,13 +208,14 @@ def judged(
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given = with_command(log, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
-    outcome = or_another(outcome, lambda: given, rig, settings)
+    outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
     for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
         again, told = _judged(other, rig, settings, engine, filter_kind)
         found = choose(outcome, again)
         if found is not outcome:
-            return found, told
-    return outcome, estimate
+            rests_on = told if found.acquisition is again.acquisition else estimate
+            return or_unbalanced(found, lambda: given, rig), rests_on
+    return or_unbalanced(outcome, lambda: given, rig), estimate
 
 
 def _judged(

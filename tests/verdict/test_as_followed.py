@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden import draw_failing_case, draw_move_case, make_log, write_log
+from hidden import draw_failing_case, draw_move_case, make_log, make_log_with, write_log
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
@@ -91,3 +91,11 @@ def test_a_voltage_that_fails_is_no_command_that_was_not_followed(kind: str) -> 
     outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)
     assert outcome.isolation is not None and outcome.isolation.verdict.label != "nominal"
     assert NOT_FOLLOWED not in outcome.warnings
+
+
+def test_a_current_that_drops_out_behind_held_readings_is_no_command_that_was_not_followed() -> None:
+    """Held readings make another ramp of it; a command that is recovered from a current that failed is wrong from there on."""
+    spec = draw_failing_case(5_930_003, "dropout", "current", 3.0)
+    frame, _ = make_log_with("drive_400hz", spec, 5_930_003)
+    found = diagnose_log(log_from_frame(frame), RIG, SETTINGS).isolation
+    assert found is not None and (found.verdict.label, found.verdict.channel) == ("sensor_fault", "current")

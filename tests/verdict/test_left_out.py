@@ -1,19 +1,19 @@
 """A channel that contradicts the others from a log's first motion on is left out; one that fails later, or a machine, is not."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from hidden import Fault, TruthSpec, draw_move_case, draw_severity_case, make_log
+from hidden import draw_move_case, draw_severity_case, make_log
+from moves import failing, sure_of
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
-from observer_fi.records import Consistency, Event, Isolation, Outcome
+from observer_fi.records import Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.logger.left_out import left_out, or_another, told_alone, without
+from observer_fi.verdict.logger.left_out import left_out, told_alone, without
 
 RIG, SETTINGS = load_rig(), Settings()
 V, A, X = "voltage_v", "current_a", "position_m"
@@ -91,21 +91,6 @@ def test_readings_of_a_channel_are_taken_away() -> None:
     assert np.isfinite(log.z[:, 1]).all()
 
 
-def verdict_on(frame: pd.DataFrame) -> Event:
-    found = judged(frame).isolation
-    assert found is not None
-    return found.verdict
-
-
-def failing(seed: int, kind: str, channel: str, size: float, onset_s: float) -> TruthSpec:
-    fault = Fault("sensor_fault", onset_s, kind, channel, size)
-    return replace(draw_move_case(seed, "nominal"), fault=fault)
-
-
-def sure_of(label: str, onset_s: float, end_s: float) -> Event:
-    return Event(label, None, 1.0, onset_s, (onset_s, onset_s), onset_s, onset_s, 0.3, end_s, {label: 1.0})
-
-
 @pytest.mark.parametrize("seed", [3320011])
 def test_a_current_that_alone_tells_a_load_leaves_no_fault_of_the_actuator(seed: int) -> None:
     """Its leak looks like friction in all of the move, of which the voltage shows nothing."""
@@ -126,46 +111,8 @@ def test_neither_voltage_nor_current_tells_a_fault_alone(kind: str) -> None:
 def test_a_current_that_stands_in_its_noise_is_no_jam() -> None:
     """It stood where the load was: what pitch and friction change from then on looks like a friction that rose by 2 %."""
     frame, _ = make_log(failing(51015, "frozen_noisy", "current", 0.0, 0.5935), 51015)
-    verdict = verdict_on(frame)
+    found = judged(frame).isolation
+    assert found is not None
+    verdict = found.verdict
     assert verdict.label == "nominal"
     assert verdict.alike == ("sensor_fault",)
-
-
-@pytest.mark.parametrize(
-    ("truth", "label", "other"),
-    [("nominal", "coupling_loss", "sensor_fault"), ("overload", "slip", "overload"), ("slip", "slip", None)],
-)
-@pytest.mark.parametrize("seed", [3320032, 3320034])
-def test_what_the_position_tells_alone_is_told_with_what_the_motor_says(
-    truth: str, label: str, other: str | None, seed: int
-) -> None:
-    """A lost coupling of which the motor feels nothing, and a slip under a load that came, are as well something else."""
-    spec = draw_move_case(seed, truth)
-    log = log_from_frame(make_log(replace(spec, rig=replace(spec.rig, C=10.0 * spec.rig.C)), seed)[0])
-    wrong = sure_of(label, spec.fault.onset_s or 1.0, float(log.t[-1]))
-    found = Isolation(wrong, (wrong,), Consistency(3.0, 3.0, 0.5))
-    told = or_another(Outcome("log", None, isolation=found), lambda: log, RIG, SETTINGS).isolation
-    assert told is not None
-    expected = (1.0, ()) if other is None else (0.5, (other,))
-    assert (told.verdict.probability, told.verdict.alike) == expected
-    assert told.events == (told.verdict,)
-
-
-@pytest.mark.parametrize(("channel", "probability"), [("voltage", 0.5), ("current", 1.0)])
-def test_of_voltage_and_current_the_one_that_is_wrong_is_not_cleared(
-    channel: str, probability: float
-) -> None:
-    for seed in (3320051, 3320052):
-        frame, _ = make_log(failing(seed, "gain", "current", 1.5, 0.9), seed)
-        log = log_from_frame(frame)
-        said = sure_of("sensor_fault", 0.9, float(log.t[-1]))._replace(channel=channel)
-        found = Isolation(said, (said,), Consistency(3.0, 3.0, 0.5))
-        told = or_another(Outcome("log", None, isolation=found), lambda log=log: log, RIG, SETTINGS).isolation
-        assert told is not None
-        assert told.verdict.probability == probability
-
-
-def test_a_fault_without_a_name_may_be_of_a_recovered_command() -> None:
-    frame, _ = make_log(draw_move_case(3330102, "nominal"), 3330102)
-    drifting = frame.assign(**{V: frame[V] + 0.24 * frame["time_s"]}).drop(columns="speed_cmd_rad_s")
-    assert verdict_on(drifting).probability <= 0.95

@@ -30,11 +30,11 @@ def more_in_motion(t: Array, z: Array, w_cmd: Array, rest: slice, least: float) 
     that is no less at rest.
     """
     halves = _steady_halves(t, w_cmd)
-    at_rest = _fourth(z[rest])
+    at_rest = fourth_differences(z[rest])
     if halves is None or not at_rest > 0.0:  # a rest without noise, or too short, tells nothing
         return 1.0
     usual = max(at_rest, least)
-    white = min(_fourth(z[half]) for half in halves)
+    white = min(fourth_differences(z[half]) for half in halves)
     ratio = max(
         white / usual, math.hypot(usual, _of_lines([_bent(t[half], z[half]) for half in halves])) / usual
     )
@@ -54,7 +54,7 @@ def _throughout(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float)
     first = int(np.searchsorted(t, _ramp_end(t, w_cmd)))
     turns = np.flatnonzero(w_cmd[first + 1 :] != w_cmd[first + 1])
     last = first + 1 + int(turns[0]) if turns.size else t.size
-    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH)])
+    levels = np.array([fourth_differences(z[k : k + STRETCH]) for k in range(first, last - STRETCH, STRETCH)])
     quiet = (levels > QUIET * at_rest) & (levels < at_rest + SHARE * (steady - at_rest))
     return not (quiet[1:] & quiet[:-1]).any()
 
@@ -64,7 +64,7 @@ def quiet_begin(z: Array, end: int, loud: float) -> slice:
 
     So a log begins in motion whose sensor became noisy on the way: a rest behind that says nothing of its logger.
     """
-    levels = np.array([_fourth(z[k : k + STRETCH]) for k in range(0, end - STRETCH + 1, STRETCH)])
+    levels = np.array([fourth_differences(z[k : k + STRETCH]) for k in range(0, end - STRETCH + 1, STRETCH)])
     other = np.flatnonzero(~((levels > 0.0) & (levels < loud)))
     count = int(other[0]) if other.size else levels.size
     return slice(0, count * STRETCH if count >= FEWEST_QUIET else 0)
@@ -82,7 +82,7 @@ def _stays(t: Array, z: Array, w_cmd: Array, steady: float, at_rest: float) -> b
     stop = first + int(stops[0])
     again = np.flatnonzero(w_cmd[stop:] != 0.0)
     end = stop + int(again[0]) if again.size else t.size
-    after = _fourth(z[int(np.searchsorted(t, t[stop] + RING_S)) : end])
+    after = fourth_differences(z[int(np.searchsorted(t, t[stop] + RING_S)) : end])
     return after > at_rest + GONE * (steady - at_rest)
 
 
@@ -122,7 +122,7 @@ def _of_lines(halves: Sequence[tuple[Array, Array]]) -> float:
     return math.hypot(*common)
 
 
-def _fourth(z: Array) -> float:
+def fourth_differences(z: Array) -> float:
     """Standard deviation of white noise from fourth differences, without outliers; NaN where there are too few."""
     fourth = np.abs(np.diff(z[np.isfinite(z)], 4))
     if fourth.size < SHORT:

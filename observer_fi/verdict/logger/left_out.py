@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import CHUNK_ROWS, is_recovered, log_segments, suspect_units
+from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
 from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
@@ -26,10 +26,10 @@ from observer_fi.verdict.drift import (
     friction_in_spreads,
     largest_means,
     mostly,
-    or_as_well,
     or_else,
 )
 from observer_fi.verdict.explain import explanation
+from observer_fi.verdict.isolate import log_verdict
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import first_start
@@ -49,17 +49,8 @@ TOLD_BY_ONE = (
     "without {} the log is that of a healthy actuator from its first sample to the end of the move, and no fault of the actuator "
     "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
 )
-NO_LOAD_GONE = (
-    "voltage and current of the motor are those of a healthy move, as no lost coupling leaves them: the position may as well be "
-    "wrong"
-)
-A_LOAD_CAME = "voltage and current show another load from then on, as an obstacle brings it and a nut that slips does not"
-OF_THE_COMMAND = (
-    "the command was recovered from voltage and current: where one of them is wrong, so is the command"
-)
 CHANGES = 2.0  # times what means of innovations were before
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
-OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
 ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
 
@@ -109,68 +100,15 @@ def told_alone(log: Log, verdict: Event, rig: Rig, settings: Settings) -> tuple[
     None of them where that ends behind the first samples that are at hand, nor both where the verdict has no name: a circuit
     may have changed.
     """
-    until = _until(log, verdict, rig)
+    until = end_of_move(log, verdict, rig)
     if until is None:
         return ()
-    names = (name for name in ELECTRICAL if _healthy_without(until, name, verdict, rig, settings).explains)
+    names = (name for name in ELECTRICAL if healthy_without(until, name, verdict, rig, settings).explains)
     found = tuple(CHANNELS.index(name) for name in names)
     return () if verdict.label == UNKNOWN and len(found) > 1 else found
 
 
-def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: Settings) -> Outcome:
-    """An outcome that is sure of what the other channels do not say, shared with what they say. begin: the first chunk."""
-    verdict = outcome.isolation.verdict if outcome.isolation is not None else None
-    if verdict is None or verdict.probability <= SURE:
-        return outcome
-    if verdict.label in ("coupling_loss", "slip"):
-        return _or_the_position(outcome, verdict, begin, rig, settings)
-    if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
-        return _or_the_other(outcome, verdict, begin, rig, settings)
-    nameless = verdict.label == UNKNOWN and not verdict.severity and begins_with_the_motion(verdict)
-    if nameless and outcome.log is not None and is_recovered(outcome.log):
-        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
-    return outcome
-
-
-def _or_the_position(
-    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
-) -> Outcome:
-    """A fault that the position tells, shared with what voltage and current say of the motor.
-
-    A lost coupling takes its load from the motor: where they see none gone the position alone tells it, which may be what
-    failed. A nut that slips leaves the load as it was: where they see another one from then on, an obstacle may be in the way.
-    """
-    until = _until(begin(), verdict, rig)
-    if until is None:
-        return outcome
-    motor = _healthy_without(until, "position", verdict, rig, settings)
-    if verdict.label == "coupling_loss" and motor.explains:
-        return _shared(outcome, lambda event: or_as_well(event, "sensor_fault", NO_LOAD_GONE), rig)
-    if verdict.label == "slip" and not verdict.then and motor.sees_a_change(verdict.onset_s):
-        return _shared(outcome, lambda event: or_as_well(event, "overload", A_LOAD_CAME), rig)
-    return outcome
-
-
-def _or_the_other(
-    outcome: Outcome, verdict: Event, begin: Callable[[], Log], rig: Rig, settings: Settings
-) -> Outcome:
-    """A failed voltage or current, in doubt which of them it is where the log is healthy without the other one only."""
-    own = verdict.channel or ""
-    (other,) = set(ELECTRICAL) - {own}
-    until = _until(begin(), verdict, rig)
-    if until is None or not _healthy_without(until, other, verdict, rig, settings).explains:
-        return outcome
-    if _healthy_without(until, own, verdict, rig, settings).explains:
-        return outcome
-    why = OR_THE_OTHER.format(COLUMNS[own], COLUMNS[other])
-    return _shared(
-        outcome,
-        lambda event: event._replace(probability=0.5, isolated_s=None, reasons=(*event.reasons, why)),
-        rig,
-    )
-
-
-def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
+def end_of_move(log: Log, verdict: Event, rig: Rig) -> Log | None:
     """The log up to the end of a verdict's move, None where that is not at hand or voltage and current are not told."""
     first = log.part(slice(0, CHUNK_ROWS))
     whole = all(np.isfinite(first.z[:, CHANNELS.index(name)]).any() for name in ELECTRICAL)
@@ -179,7 +117,7 @@ def _until(log: Log, verdict: Event, rig: Rig) -> Log | None:
     return first.part(slice(0, int(np.searchsorted(first.t, verdict.end_s, "right"))))
 
 
-class _Healthy(NamedTuple):
+class Healthy(NamedTuple):
     """How nominal explains a log: NIS over its expectation; times (n,) [s] in the verdict's move once its start has settled, and
     the largest means (n,) of innovations then; the friction, in spreads from rig to rig.
     """
@@ -203,7 +141,7 @@ class _Healthy(NamedTuple):
         return bool(self.means.max(initial=0.0) > max(LIMIT, CHANGES * before))
 
 
-def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> _Healthy:
+def healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: Settings) -> Healthy:
     log = commanded(without(log, CHANNELS.index(channel)), rig)
     known = AsLogged(log, rig, settings.bank)
     taken = known.take(log)
@@ -213,17 +151,23 @@ def _healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings:
     settled = e.active & (e.t > verdict.start_s + SETTLED_S)
     means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
     friction = friction_in_spreads(verdict, nominal)
-    return _Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
+    return Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
 
 
-def _shared(outcome: Outcome, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
-    """The outcome with its verdict, and the event that this is, in doubt."""
+def shared(outcome: Outcome, event: Event, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
+    """The outcome with one of its events in doubt, and the verdict that follows."""
     found = outcome.isolation
     if found is None:
         return outcome
-    which = found.verdict.start_s, found.verdict.label
+    which = event.start_s, event.label
     events = tuple(doubted(e) if (e.start_s, e.label) == which else e for e in found.events)
-    told = replace(found, verdict=doubted(found.verdict), events=events)
+    verdict = log_verdict(list(events))
+    told = replace(
+        found,
+        verdict=verdict,
+        events=events,
+        could_show=found.could_show if verdict.label == NOMINAL else None,
+    )
     words = outcome.explanation if outcome.log is None else explanation(told, rig, outcome.log)
     return replace(outcome, isolation=told, explanation=words)
 

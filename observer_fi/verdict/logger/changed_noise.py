@@ -1,0 +1,64 @@
+"""A healthy move in which the noise of a channel changes while its motor runs steadily: its sensor may be what fails.
+
+Where the noise of a logger wanders, or carries lines, filters give its readings so little weight that neither a burst of noise
+nor a sensor at the end of its range shows in their innovations. The noise itself shows it.
+"""
+
+from collections.abc import Callable, Iterator
+
+from observer_fi.logs import SWITCHED, NoiseChange, noise_change
+from observer_fi.numerics import digits, with_unit
+from observer_fi.physics import COLUMNS, NOMINAL, Rig
+from observer_fi.records import CHANNELS, Acquisition, ChannelTraits, Event, Log, Outcome
+from observer_fi.verdict.drift import SURE, mostly, or_else
+from observer_fi.verdict.logger.left_out import shared
+
+ALL_READ = 0.9  # share of the rows with a reading, from which neighbours are readings in a row
+_LOUDER = (
+    "the noise of {} grows {} times at {}, while the motor runs steadily: another range, or a failing sensor"
+)
+_QUIETER = "the noise of {} falls to {} % at {}, while the motor runs steadily: the sensor may be at its limit, or stuck"
+_BURST = "the noise of {} grows {} times at {}, while the motor runs steadily, as that of no other range does"
+
+
+def or_a_changed_noise(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
+    """The outcome, in which a healthy move may be one of a failed sensor where the noise of a channel changes within it.
+
+    A sensor that became louder than another range makes it has failed. begin: the first chunk of the log.
+    """
+    found = outcome.isolation
+    if found is None or outcome.acquisition is None or found.verdict.label != NOMINAL:
+        return outcome
+    for name, change in _changes(begin(), outcome.acquisition):
+        moved = (e for e in found.events if e.start_s <= change.at_s <= e.end_s)
+        event = next(moved, None)
+        if event is not None and event.label == NOMINAL and not event.alike:
+            return shared(outcome, event, lambda one: _failed(one, name, change), rig)  # noqa: B023
+    return outcome
+
+
+def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]:
+    """Channels whose noise changes, of those whose readings are neither in coarse steps nor held."""
+    for c, name in enumerate(CHANNELS):
+        change = noise_change(log.t, log.z[:, c], log.w_cmd) if _shows_noise(getattr(logger, name)) else None
+        if change is not None:
+            yield name, change
+
+
+def _shows_noise(traits: ChannelTraits) -> bool:
+    coarse = traits.resolution is not None and traits.resolution > traits.noise_std
+    return not coarse and traits.update_hz is None and traits.hold_s is None and traits.read > ALL_READ
+
+
+def _failed(event: Event, name: str, change: NoiseChange) -> Event:
+    column, at = COLUMNS[name], with_unit(change.at_s, "s", count=4)
+    if change.factor < 1.0:
+        return or_else(event, "sensor_fault", _QUIETER.format(column, digits(100.0 * change.factor, 2), at))
+    times = digits(change.factor, 2)
+    if change.factor <= SWITCHED[1]:
+        return or_else(event, "sensor_fault", _LOUDER.format(column, times, at))
+    known = change.at_s - change.within_s, change.at_s + change.within_s
+    return event._replace(
+        label="sensor_fault", channel=name, probability=SURE, posterior=mostly("sensor_fault", event), onset_s=change.at_s,
+        onset_interval_s=known, detected_s=change.at_s, reasons=(_BURST.format(column, times, at),),
+    )  # fmt: skip

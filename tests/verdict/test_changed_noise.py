@@ -1,0 +1,44 @@
+"""A sensor that fails behind a logger whose noise hides it: the noise itself changes while the motor runs."""
+
+import pytest
+from hidden import draw_failing_case, draw_move_case, make_log_with
+
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import load_rig
+from observer_fi.records import Event
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+from observer_fi.verdict.drift import SURE
+
+RIG, SETTINGS = load_rig(), Settings()
+
+
+def said_of(trait: str, spec, seed: int) -> Event:
+    frame, _ = make_log_with(trait, spec, seed)
+    found = diagnose_log(log_from_frame(frame), RIG, SETTINGS).isolation
+    assert found is not None
+    return found.verdict
+
+
+@pytest.mark.parametrize("seed", [5_910_000, 5_910_001, 5_910_002])
+def test_a_burst_of_noise_behind_a_wandering_baseline_is_a_failing_sensor(seed: int) -> None:
+    spec = draw_failing_case(seed, "noise_burst", "voltage", 3.0)
+    said = said_of("wandering", spec, seed)
+    assert (said.label, said.channel) == ("sensor_fault", "voltage")
+    assert said.onset_s == pytest.approx(spec.fault.onset_s, abs=0.1)
+
+
+def test_a_voltage_at_the_end_of_its_range_behind_a_wandering_baseline_is_no_all_clear() -> None:
+    said = said_of("wandering", draw_failing_case(5_300_159, "saturation", "voltage", 3.0), 5_300_159)
+    assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)
+
+
+def test_noise_that_grows_under_way_is_another_range_or_a_failing_sensor() -> None:
+    said = said_of("range_switched", draw_move_case(5_910_004, "nominal"), 5_910_004)
+    assert said.label == "nominal" and said.probability <= SURE and said.alike == ("sensor_fault",)
+
+
+@pytest.mark.parametrize("trait", ["wandering", "coloured", "hum_60hz", "noise_3", "missing_rows"])
+def test_a_healthy_move_stays_one(trait: str) -> None:
+    said = said_of(trait, draw_move_case(5_910_005, "nominal"), 5_910_005)
+    assert said.label == "nominal" and said.probability > SURE
