@@ -271,7 +271,9 @@ class SimulatedMoves:
         rest = self.unexplained(ladder) if ladder.steps else ()
         if not rest:
             return ladder
-        return unrefuted(self.experiment, ladder, rest, lambda f, step: self.without(f, step.trial.candidates))
+        return unrefuted(
+            self.experiment, ladder, rest, lambda f, step: self.without(f, step.trial.candidates)
+        )
 
     def _believed(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """The ladder, or no name at all where its causes leave a gross part of the misfit: something larger is not known.

@@ -22,6 +22,9 @@ DRIVE = (0, 1)  # voltage and current
 _FINE = 0.02  # share of the rows that stand nearer than those of a filter's grid: transients have more than there are samples
 
 
+_POLES = {1: (1.0,), 2: (0.75, -0.75)}  # by order: angles of Butterworth's poles, in half turns
+
+
 class Through(NamedTuple):
     """The same filter before some channels (0 voltage, 1 current, 2 position); order: one, two, or none, which only delays."""
 
@@ -65,7 +68,16 @@ class Through(NamedTuple):
 
 @lru_cache(maxsize=256)  # a fit asks for one filter at every other constant that it tries
 def _sampled(order: int, step: float, time: float) -> tuple[Array, Array]:
-    """Numerator and denominator of a filter for samples `step` [s] apart, between which readings are straight lines."""
-    poles = [time, 1.0] if order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
-    b, a, _ = scipy.signal.cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
-    return np.ravel(b), np.ravel(a)
+    """Numerator and denominator of a filter for samples `step` [s] apart, between which readings are straight lines.
+
+    Its answer to a ramp is t + sum R (exp(p t) - 1) over its poles p; samples of it are divided by those of the ramp.
+    scipy's cont2discrete (method foh) gives the same in ten times the time.
+    """
+    poles = np.exp(1j * math.pi * np.array(_POLES[order])) / time
+    each = [np.delete(poles, k) for k in range(order)]
+    R = [np.prod(-poles) / (p * p * np.prod(p - others)) for p, others in zip(poles, each, strict=True)]
+    a = np.poly(np.exp(poles * step))
+    b = np.append(0.0, a) - sum(R) / step * np.convolve([1.0, -1.0], a)
+    for residue, others in zip(R, each, strict=True):
+        b += residue / step * np.convolve([1.0, -2.0, 1.0], np.poly(np.exp(others * step)))
+    return b.real[1:], a.real

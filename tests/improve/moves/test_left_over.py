@@ -37,7 +37,5 @@ def test_a_curve_that_explains_little_does_not_hide_the_equation_that_is_wanted(
     monkeypatch.setattr(LEFT_OVER, "slow_excess", lambda *_: 1e6)
     monkeypatch.setattr(LEFT_OVER, "raw_excess", lambda *_: 1e6)
     rows = [SimpleNamespace(equation=wanted, gain=1e5), SimpleNamespace(equation="electrical", gain=1e4)]
-    found = left_over(
-        problem.experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: (tuple(rows), ())
-    )
+    found = left_over(problem.experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: (tuple(rows), ()))
     assert [row.equation for row in found] == told
