@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts load when they are used: `signal` takes a second
+from numpy.typing import NDArray
 
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.logs import LowPass, LowPasses
@@ -77,7 +78,7 @@ def _sampled(order: int, step: float, time: float) -> tuple[Array, Array]:
     each = [np.delete(poles, k) for k in range(order)]
     R = [np.prod(-poles) / (p * p * np.prod(p - others)) for p, others in zip(poles, each, strict=True)]
     a = np.poly(np.exp(poles * step))
-    b = np.append(0.0, a) - sum(R) / step * np.convolve([1.0, -1.0], a)
+    b: NDArray[np.complex128] = np.append(0.0, a) - sum(R) / step * np.convolve([1.0, -1.0], a)
     for residue, others in zip(R, each, strict=True):
         b += residue / step * np.convolve([1.0, -2.0, 1.0], np.poly(np.exp(others * step)))
-    return b.real[1:], a.real
+    return np.real(b[1:]).astype(np.float64), np.real(a).astype(np.float64)
