@@ -15,6 +15,7 @@ from observer_fi.improve.moves.gross_starts import gross_fits
 from observer_fi.improve.moves.judgement import (
     MoveSettings,
     is_no_line,
+    is_no_scale,
     matters,
     only_bends,
     smooth_is_better,
@@ -209,7 +210,9 @@ class SimulatedMoves:
         factor = inflation(self.experiment, trial.fitted.residuals)
         if trial.nets[0] < settings.margin or trial.gain / factor < price + settings.margin:
             return None
-        if only_bends(self.experiment, trial) or is_no_line(self.experiment, fitted, trial):
+        if only_bends(self.experiment, trial) or is_no_scale(self.experiment, trial):
+            return None
+        if is_no_line(self.experiment, fitted, trial):
             return None
         if not matters(self.experiment, fitted, trial.fitted, self._least, settings):
             return None
