@@ -1,7 +1,7 @@
 """Accepted names that are refuted by what they leave: a law that is right leaves nothing of its equation.
 
-What stands for the truth explains a part of the misfit, often the most of it. Three rests show it: one that no curve explains
-and that is larger than what the name gained; one that no curve explains and that the name's own equation is wanted for; and
+What stands for the truth explains a part of the misfit, often the most of it. Three rests show it: one that is told without a
+curve, or beside one, and is larger than what the name gained; one that is told without a curve, of the name's own equation; and
 one of a curve which, in place of the name, explains what both do.
 """
 
@@ -22,8 +22,11 @@ def unrefuted(
     rest: Sequence[Smooth],
     without: Callable[[FitResult, Step[FitResult]], FitResult],
 ) -> Ladder[FitResult]:
-    """The ladder less the names that the rest refutes, the weakest asked first. without: a fit less one of the steps."""
-    curve = max((term.gain for term in rest if term.regressor != NOTHING_KNOWN), default=0.0)
+    """The ladder less the names that the rest refutes, the weakest asked first.
+
+    rest: what is told of the misfit that it leaves, the most telling first. without: a fit less one of the steps.
+    """
+    curve = 0.0 if rest[0].regressor == NOTHING_KNOWN else rest[0].gain
     dark = missed(experiment, ladder.extended) - curve
     fitted, gone = ladder.extended, []
     for step in sorted(ladder.steps, key=lambda s: s.trial.gain):

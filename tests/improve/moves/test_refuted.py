@@ -34,6 +34,7 @@ def step_of(cause: str, gain: float) -> Step:
     [
         (900.0, [nameless("servo", 600.0, 900.0)], 0.0, ["viscous_friction"]),
         (1100.0, [nameless("servo", 600.0, 1100.0)], 0.0, []),  # more stays in the dark than the name explains
+        (1100.0, [nameless("servo", 600.0, 1100.0), curve("sensor:current", 500.0)], 0.0, []),  # a curve of another equation
         (1100.0, [curve("sensor:current", 900.0)], 1100.0, ["viscous_friction"]),  # an effect of its own beside it
         (1100.0, [curve("sensor:current", 900.0)], 1900.0, []),  # which in its place does for both
         (300.0, [nameless("torque", 250.0, 300.0)], 0.0, []),  # its own equation is not yet right
