@@ -20,8 +20,7 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import describes, diagnose_log
 
 MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
-SHOWN = 4  # moves that every rig is asked about, for the record,
-ALARMS = 2  # or this many false alarms: a move in doubt takes a second or two of the processor
+SHOWN = 2  # moves that every rig is asked about, for the record: one in doubt takes up to four seconds of the processor
 _TOGETHER = 2  # moves asked at once: filters leave the interpreter's lock
 _REST_S = 1.0  # of the rests around a move
 _SHORTEST_S = 0.1  # of the rest before a move: tells the noise
@@ -93,7 +92,7 @@ def counted(
             count = Count(0, 0)
             for first in range(0, len(parts), _TOGETHER):
                 beaten = least is not None and count.false_alarms + 1 >= least
-                if beaten and (count.moves >= SHOWN or count.false_alarms >= ALARMS):
+                if beaten and count.moves >= SHOWN:
                     break
                 asked = spread[first : first + _TOGETHER]
                 alarms = pool.map(is_alarm, [part for _, part in asked], [rig(m) for m, _ in asked])

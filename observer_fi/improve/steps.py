@@ -115,8 +115,11 @@ class Smooth:
     frequency_hz: float | None = None
 
 
+NOTHING_KNOWN = "unknown"  # the regressor of an equation with nothing that it goes with
+
+
 def nameless(equation: str, gain: float, whole: float) -> Smooth:
     """An equation that wants to be free by `gain` of the `whole` misfit [nats], with nothing that it goes with."""
     share = min(max(gain / whole, 0.0), 1.0) if whole > 0.0 else 0.0
     nothing = np.empty(0)
-    return Smooth(equation, "unknown", False, gain, gain, share, nothing, nothing, nothing, 0)
+    return Smooth(equation, NOTHING_KNOWN, False, gain, gain, share, nothing, nothing, nothing, 0)

@@ -408,11 +408,15 @@ def _touches(name: str, part: Part) -> bool:
 
 
 def best_point(
-    parts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
+    parts: Sequence[Part],
+    plant: Model,
+    free: Sequence[Free],
+    values: Mapping[str, float],
+    goal: float = math.inf,
 ) -> Point:
-    """Where Gauss-Newton from `values` ends, without what only a result needs."""
+    """Where Gauss-Newton from `values` ends, without what only a result needs. goal: see `search`."""
     problem = _Joint(parts, plant, tuple(free))
-    return search(problem, values, np.zeros((problem.bounds.size - 1, 2))).point
+    return search(problem, values, np.zeros((problem.bounds.size - 1, 2)), goal=goal).point
 
 
 def fit_parts(

@@ -3,7 +3,17 @@
 from observer_fi.physics import equations, linear, paper_residuals, plant, rigs, simulation
 from observer_fi.physics.command import corner, corners
 from observer_fi.physics.drives import DRIVES, CommandLaw, Drive, Rest
-from observer_fi.physics.effects import CAUSES, FORCE, MOVES, Cause, Coverage, Term, Variant, bounds
+from observer_fi.physics.effects import (
+    CAUSES,
+    FEWEST_PERIODS,
+    FORCE,
+    MOVES,
+    Cause,
+    Coverage,
+    Term,
+    Variant,
+    bounds,
+)
 from observer_fi.physics.empirical_curve import (
     ANGLES,
     FRAME,
@@ -90,6 +100,7 @@ __all__ = [
     "D",
     "DataSheet",
     "FAULTS",
+    "FEWEST_PERIODS",
     "FORCE",
     "FRAME",
     "FromSheet",

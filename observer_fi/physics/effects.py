@@ -432,7 +432,7 @@ def _contact_damping(c: Coverage) -> tuple[Variant, ...]:
 
 
 _GRATINGS_M = (1e-3, 5e-4, 2e-3)  # usual periods of incremental scales
-_PERIODS = (
+FEWEST_PERIODS = (
     2.0  # of one, that the travel must cover: less is a bend, which a sensor that is not linear has too
 )
 
@@ -443,7 +443,7 @@ def _scale(c: Coverage) -> tuple[Variant, ...]:
     waves = _waves("position", 0.1 * c.position_noise)
     return tuple(
         Variant(f"{1e3 * period:.3g} mm", waves, (("position_period", period),))
-        for period in dict.fromkeys((own, *(g for g in _GRATINGS_M if _PERIODS * g <= c.travel)))
+        for period in dict.fromkeys((own, *(g for g in _GRATINGS_M if FEWEST_PERIODS * g <= c.travel)))
     )
 
 

@@ -81,9 +81,10 @@ class SmoothedDisturbance:
         return tuple(sorted(near_best, key=lambda name: -self.curves[name].share))
 
 
-def free_equations(
-    experiment: Experiment, fitted: FitResult
-) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
+Freedom = tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]
+
+
+def free_equations(experiment: Experiment, fitted: FitResult) -> Freedom:
     """Which equations the data want to free, the largest gain first; and what the best looks like, with torque, voltage, x."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     linear, series = linearised(experiment, fitted.model, states), series_of(experiment, fitted)

@@ -1,5 +1,6 @@
 """Whether a trial is believed: it matters beside what is left, a ripple is a line, and no smooth term does much better."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from observer_fi.improve.moves.misfit import POSITION, channel_excess, excess, r
 from observer_fi.improve.moves.unexplained import smooth_terms
 from observer_fi.improve.steps import Trial
 from observer_fi.learn import Experiment, FitResult
+from observer_fi.physics import FEWEST_PERIODS
 
 # Of fourteen effects without a ripple (seeds 711007 to 711020) no line with nats to speak of but that of a bent screw is stronger
 # than the sixth strongest by more than half; or a ripple explains the most of the misfit.
@@ -80,6 +82,16 @@ def only_bends(experiment: Experiment, trial: Trial[FitResult]) -> bool:
     friction += model["stribeck_torque"] * np.exp(-((w / model["stribeck_speed"]) ** 2))
     fall = float(np.max(np.maximum.accumulate(friction) - friction))
     return fall < _FALL * model["stribeck_torque"]
+
+
+def is_no_scale(experiment: Experiment, trial: Trial[FitResult]) -> bool:
+    """Whether a gain of the position and a part of a period together are what a sensor that is not linear has as well."""
+    model = trial.fitted.model
+    wave = math.hypot(model["position_sin"], model["position_cos"])
+    x = experiment.z[experiment.weight[:, POSITION] > 0.0, POSITION]
+    if wave == 0.0 or model["position_gain"] == 1.0 or x.size == 0:
+        return False
+    return bool(np.ptp(x) < FEWEST_PERIODS * model["position_period"])
 
 
 def is_no_line(experiment: Experiment, fitted: FitResult, trial: Trial[FitResult]) -> bool:

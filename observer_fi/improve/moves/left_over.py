@@ -1,12 +1,12 @@
 """What the model with every named cause still leaves of simulated moves: smooth terms, or an equation without a name."""
 
-import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from observer_fi.improve.freed.freed_equations import WANTED_NATS
-from observer_fi.improve.freed.smoothed_disturbance import free_equations
+from observer_fi.improve.freed.smoothed_disturbance import Freedom
 from observer_fi.improve.moves.misfit import bent, dust, excess, raw_excess
-from observer_fi.improve.moves.unexplained import rest_steps, slow_excess, smooth_terms
+from observer_fi.improve.moves.unexplained import price, rest_steps, slow_excess, smooth_terms
 from observer_fi.improve.steps import Ladder, Smooth, nameless
 from observer_fi.learn import Experiment, FitResult
 from observer_fi.records import Array
@@ -17,25 +17,29 @@ _STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in th
 _SLOW_SHARE = 0.5  # of the dust that must be left in means over some ms before smooth terms are tried
 _BELOW = 0.02  # nats a reading below the noise, from which a freed equation follows the noise
 _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told without a name
-_HALF = 0.5  # of what is left, that a smooth term explains to stand for it
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
 
 
-def left_over(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
+def left_over(
+    experiment: Experiment, ladder: Ladder[FitResult], free: Callable[[FitResult], Freedom]
+) -> tuple[Smooth, ...]:
     """The smooth terms that the extended model still asks for, the best first; else what it leaves without a name.
 
-    Where the best explains less than half of what is left, the equation that the data want free comes first, if it is another.
+    Where an equation that is free explains more than the best of them, it comes first, if it is another's: a curve that has
+    the right regressor explains as much, with fewer numbers. free: which equations the data want to free from a fit.
     """
     terms = _smooth_rest(experiment, ladder)
-    if terms and terms[0].share >= _HALF:
-        return terms
-    freed = _wanted(experiment, ladder)
+    freed = _wanted(experiment, ladder, free)
     if not terms and not freed:
         return tuple(nameless(equation, 0.0, 0.0) for equation in bent(experiment, ladder.extended))
+    if terms and freed and terms[0].held_out >= freed[0].gain:
+        return terms
     return (*(row for row in freed if all(row.equation != term.equation for term in terms)), *terms)
 
 
-def _wanted(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
+def _wanted(
+    experiment: Experiment, ladder: Ladder[FitResult], free: Callable[[FitResult], Freedom]
+) -> tuple[Smooth, ...]:
     """The equation that the data still want free, though nothing known goes with it, if there is one."""
     fitted = ladder.extended
     most = excess(experiment, ladder.baseline.residuals) if ladder.steps else 0.0
@@ -44,14 +48,13 @@ def _wanted(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smooth, 
     below = whole < -_BELOW * int((experiment.weight > 0.0).sum())  # noise of the logger that is not white
     if below or slow_excess(experiment, fitted.residuals) <= _SLOW_SHARE * least:
         return ()
-    freed = [row for row in free_equations(experiment, fitted)[0] if row.gain >= least]
+    freed = [row for row in free(fitted)[0] if row.gain >= least]
     return (nameless(freed[0].equation, freed[0].gain, whole),) if freed else ()
 
 
 def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
     """The smooth terms that the extended model still asks for, the best first."""
     r = ladder.extended.residuals
-    n = int((experiment.weight > 0.0).sum())
     whole = max(raw_excess(experiment, r), *(raw_excess(experiment, r, c) for c in range(3)))
     least = dust(experiment, excess(experiment, ladder.baseline.residuals))
     slow = slow_excess(experiment, r) > _SLOW_SHARE * least
@@ -63,8 +66,7 @@ def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smo
     best = terms[0]
     of_steps = any(best is term for term in steps)
     floor = _STEP_NATS if of_steps else least
-    price = 0.0 if of_steps else 0.5 * best.coefficients * math.log(n)
-    if best.held_out < floor or best.gain < floor + price:
+    if best.held_out < floor or best.gain < floor + (0.0 if of_steps else price(experiment, best)):
         return ()
     told: dict[tuple[str, str], Smooth] = {}
     for term in terms:

@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from observer_fi.improve.freed.freed_equations import FreedEquation
-from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance, free_equations
+from observer_fi.improve.freed.smoothed_disturbance import Freedom, free_equations
 from observer_fi.improve.moves.gross_starts import gross_fits
 from observer_fi.improve.moves.judgement import (
     MoveSettings,
     is_no_line,
+    is_no_scale,
     matters,
     only_bends,
     smooth_is_better,
@@ -32,6 +32,7 @@ from observer_fi.improve.moves.misfit import (
     missed,
     position_dust,
 )
+from observer_fi.improve.moves.refuted import unrefuted
 from observer_fi.improve.moves.rig_refit import STOP_NATS, base_parameters, causes_of, with_stops
 from observer_fi.improve.moves.screening import coverage_of, penalty, refit, screen, without
 from observer_fi.improve.residual_tables import Residuals, residual_tables
@@ -209,7 +210,9 @@ class SimulatedMoves:
         factor = inflation(self.experiment, trial.fitted.residuals)
         if trial.nets[0] < settings.margin or trial.gain / factor < price + settings.margin:
             return None
-        if only_bends(self.experiment, trial) or is_no_line(self.experiment, fitted, trial):
+        if only_bends(self.experiment, trial) or is_no_scale(self.experiment, trial):
+            return None
+        if is_no_line(self.experiment, fitted, trial):
             return None
         if not matters(self.experiment, fitted, trial.fitted, self._least, settings):
             return None
@@ -266,8 +269,14 @@ class SimulatedMoves:
         return without(self.experiment, fitted, candidates[0].variant)
 
     def reconsidered(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
-        """Without stops that explain nothing once the causes are named; without any name where the misfit is still gross."""
-        return self._believed(self._without_stops(ladder))
+        """Without stops that explain nothing once the causes are named; without names that what they leave refutes."""
+        ladder = self._believed(self._without_stops(ladder))
+        rest = self.unexplained(ladder) if ladder.steps else ()
+        if not rest:
+            return ladder
+        return unrefuted(
+            self.experiment, ladder, rest, lambda f, step: self.without(f, step.trial.candidates)
+        )
 
     def _believed(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """The ladder, or no name at all where its causes leave a gross part of the misfit: something larger is not known.
@@ -349,10 +358,15 @@ class SimulatedMoves:
         return residual_tables(self.experiment, fitted)
 
     def unexplained(self, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:
-        return left_over(self.experiment, ladder)
+        return left_over(self.experiment, ladder, self.freed)
 
-    def freed(self, baseline: FitResult) -> tuple[tuple[FreedEquation, ...], tuple[SmoothedDisturbance, ...]]:
-        return free_equations(self.experiment, baseline)
+    def freed(self, baseline: FitResult) -> Freedom:
+        return self._freedom if baseline is self._baseline else free_equations(self.experiment, baseline)
+
+    @cached_property
+    def _freedom(self) -> Freedom:
+        """Which equations the data want to free from the refitted rig."""
+        return free_equations(self.experiment, self._baseline)
 
     def kept(self, fitted: FitResult, left: Sequence[Smooth]) -> tuple[FitResult, Kept] | None:
         found = fit_kept_curve(self.experiment, fitted, left)

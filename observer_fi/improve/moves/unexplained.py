@@ -74,6 +74,11 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     return sorted(found, key=lambda term: -term.held_out)
 
 
+def price(experiment: Experiment, term: Smooth) -> float:
+    """What the coefficients of a smooth term cost [nats], by Schwarz's criterion."""
+    return 0.5 * term.coefficients * math.log(int((experiment.weight > 0.0).sum()))
+
+
 def regressors(experiment: Experiment, states: Array, lead: float) -> dict[str, Array]:
     """(N,) each: what a disturbance may depend on. lead: of the screw [m].
 

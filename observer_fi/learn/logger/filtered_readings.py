@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts load when they are used: `signal` takes a second
+from numpy.typing import NDArray
 
 from observer_fi.learn.gauss_newton import Free
 from observer_fi.logs import LowPass, LowPasses
@@ -20,6 +21,9 @@ TIME, LATE = "low_pass_s", "low_pass_late_s"
 NAMES = (TIME, LATE)
 DRIVE = (0, 1)  # voltage and current
 _FINE = 0.02  # share of the rows that stand nearer than those of a filter's grid: transients have more than there are samples
+
+
+_POLES = {1: (1.0,), 2: (0.75, -0.75)}  # by order: angles of Butterworth's poles, in half turns
 
 
 class Through(NamedTuple):
@@ -65,7 +69,16 @@ class Through(NamedTuple):
 
 @lru_cache(maxsize=256)  # a fit asks for one filter at every other constant that it tries
 def _sampled(order: int, step: float, time: float) -> tuple[Array, Array]:
-    """Numerator and denominator of a filter for samples `step` [s] apart, between which readings are straight lines."""
-    poles = [time, 1.0] if order == 1 else [time * time, math.sqrt(2.0) * time, 1.0]
-    b, a, _ = scipy.signal.cont2discrete((np.ones(1), np.array(poles)), step, method="foh")
-    return np.ravel(b), np.ravel(a)
+    """Numerator and denominator of a filter for samples `step` [s] apart, between which readings are straight lines.
+
+    Its answer to a ramp is t + sum R (exp(p t) - 1) over its poles p; samples of it are divided by those of the ramp.
+    scipy's cont2discrete (method foh) gives the same in ten times the time.
+    """
+    poles = np.exp(1j * math.pi * np.array(_POLES[order])) / time
+    each = [np.delete(poles, k) for k in range(order)]
+    R = [np.prod(-poles) / (p * p * np.prod(p - others)) for p, others in zip(poles, each, strict=True)]
+    a = np.poly(np.exp(poles * step))
+    b: NDArray[np.complex128] = np.append(0.0, a) - sum(R) / step * np.convolve([1.0, -1.0], a)
+    for residue, others in zip(R, each, strict=True):
+        b += residue / step * np.convolve([1.0, -2.0, 1.0], np.poly(np.exp(others * step)))
+    return np.real(b[1:]).astype(np.float64), np.real(a).astype(np.float64)

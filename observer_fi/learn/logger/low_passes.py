@@ -5,6 +5,7 @@ known yet, so that each filter is tried with those that then fit best. Only what
 only where readings then are explained about as well as their noise lets.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -33,6 +34,9 @@ SLOWEST = (
 )
 LEFT = 0.1  # of the misfit over that of noise, that a filter may leave of what there is without it
 OFFSET = 3e-3  # of the supply, and of what it drives through the winding: one sigma of zero offsets beside a filter
+_SPARE = (
+    1.2  # times the objective of readings that are explained as well as that: priors have their part in it
+)
 CLIMBED = 2  # first fits that are looked at closer
 MOVES, AFTER_S = 2, 0.25  # of a campaign, and of each from its start on
 
@@ -66,6 +70,7 @@ def filter_of(
     before = _misfit(none.point.residuals)
     if before < LOOKED_AT:
         return None
+    trial.goal = _SPARE * 0.5 * np.count_nonzero(none.point.residuals) * _allowed(before)
     delayed = [trial.tried(Through(channels, 0), 0.0) for channels in GROUPS]
     first = [trial.tried(Through(channels, 1), time) for channels in GROUPS for time in TIMES]
     first.sort(key=_cost)
@@ -77,8 +82,13 @@ def filter_of(
     known = best.through is not None and (best.through.order > 0 or _is_late_current(best))
     if not known or best.through is None or _cost(best) > _cost(none) - NOTICED_NATS or trial.is_dead(best):
         return None
-    left = _misfit(best.point.residuals)
-    return (best.through, best.point.values) if left - 1.0 < LEFT * (before - 1.0) else None
+    told = _misfit(best.point.residuals) < _allowed(before)
+    return (best.through, best.point.values) if told else None
+
+
+def _allowed(before: float) -> float:
+    """Mean square that a filter may leave where the fit without one leaves `before`."""
+    return 1.0 + LEFT * (before - 1.0)
 
 
 def _offsets(plant: Model) -> list[Free]:
@@ -111,6 +121,7 @@ class _Trial:
         self, starts: Sequence[Part], plant: Model, free: Sequence[Free], values: Mapping[str, float]
     ) -> None:
         self.starts, self.plant, self.free, self.values = starts, plant, free, values
+        self.goal = math.inf  # objective that no fit needs to go on for that will not come there
         self.interval = float(np.median(np.diff(starts[0].experiment.t[starts[0].experiment.weight.any(1)])))
 
     def is_none(self, one: Tried) -> bool:
@@ -134,7 +145,7 @@ class _Trial:
         parts = [part._replace(through=through) for part in self.starts]
         more = through.free(self.interval) if through else []
         begun = {**{f.name: f.prior for f in more}, **values}
-        return Tried(through, best_point(parts, self.plant, [*self.free, *more], begun))
+        return Tried(through, best_point(parts, self.plant, [*self.free, *more], begun, self.goal))
 
 
 def _starts(parts: Sequence[Part]) -> list[Part]:

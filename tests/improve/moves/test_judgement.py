@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from campaigns import campaign
 
-from observer_fi.improve.moves.judgement import is_no_line, only_bends
+from observer_fi.improve.moves.judgement import is_no_line, is_no_scale, only_bends
 from observer_fi.improve.moves.lines import Line
 from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.improve.steps import Candidate, Trial
@@ -51,3 +51,20 @@ def test_friction_of_low_speeds_falls_somewhere(
     candidate = Candidate(cause, cause.variants(Coverage(), MOVES)[0], 100.0, 90.0, {}, {})
     trial = Trial((candidate,), SimpleNamespace(model=model), 100.0, (90.0,))
     assert only_bends(SimpleNamespace(peak=np.array([-410.0, 200.0])), trial) is bends
+
+
+@pytest.mark.parametrize(
+    ("wave", "gain", "travel", "none"),
+    [(8e-6, 1.1, 1.7e-3, True), (8e-6, 1.0, 1.7e-3, False), (0.0, 1.1, 1.7e-3, False), (8e-6, 1.1, 2.1e-3, False)],
+)  # fmt: skip
+def test_a_gain_and_a_part_of_a_period_are_a_sensor_that_is_not_linear(
+    wave: float, gain: float, travel: float, none: bool
+) -> None:
+    """Together they do for any bend: the square of the position, or a screw whose lead swings over 3.2 mm."""
+    model = override(RIG.model, "bent", position_sin=wave, position_gain=gain, position_period=1e-3)
+    cause = CAUSES["position_gain"]
+    candidate = Candidate(cause, cause.variants(Coverage(), MOVES)[0], 100.0, 90.0, {}, {})
+    trial = Trial((candidate,), SimpleNamespace(model=model), 100.0, (90.0,))
+    x = np.linspace(0.0, travel, 50)
+    moved = SimpleNamespace(z=np.column_stack([x, x, x]), weight=np.ones((50, 3)))
+    assert is_no_scale(moved, trial) is none

@@ -16,26 +16,26 @@ LEFT_OVER = sys.modules["observer_fi.improve.moves.left_over"]
 
 
 @pytest.mark.parametrize(
-    ("share", "wanted", "told"),
+    ("explained", "wanted", "told"),
     [
-        (0.3, "servo", ["servo", "torque"]),
-        (0.3, "torque", ["torque"]),
-        (0.8, "servo", ["torque"]),
+        (3e4, "servo", ["servo", "torque"]),
+        (3e4, "torque", ["torque"]),
+        (1.2e5, "servo", ["torque"]),
         (None, "servo", ["servo"]),
     ],
 )
 def test_a_curve_that_explains_little_does_not_hide_the_equation_that_is_wanted(
-    share: float | None, wanted: str, told: list[str], monkeypatch: pytest.MonkeyPatch
+    explained: float | None, wanted: str, told: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A command behind a filter that the log does not show was a torque over the load, of a quarter of the misfit."""
+    """A torque constant that differs by direction was a voltage sensor's curve over the speed, of half the misfit."""
     problem = simulated_moves([campaign()], load_rig())
     fitted = problem.baseline()
     nothing = np.empty(0)
-    term = Smooth("torque", "load", False, 1e3, 1e3, share or 0.0, nothing, nothing, nothing, 9)
-    monkeypatch.setattr(LEFT_OVER, "_smooth_rest", lambda *_: () if share is None else (term,))
+    gain = explained or 0.0
+    term = Smooth("torque", "load", False, gain, gain, 0.5, nothing, nothing, nothing, 9)
+    monkeypatch.setattr(LEFT_OVER, "_smooth_rest", lambda *_: () if explained is None else (term,))
     monkeypatch.setattr(LEFT_OVER, "slow_excess", lambda *_: 1e6)
     monkeypatch.setattr(LEFT_OVER, "raw_excess", lambda *_: 1e6)
     rows = [SimpleNamespace(equation=wanted, gain=1e5), SimpleNamespace(equation="electrical", gain=1e4)]
-    monkeypatch.setattr(LEFT_OVER, "free_equations", lambda *_: (rows, ()))
-    found = left_over(problem.experiment, Ladder(fitted, fitted, (), (), (), ()))
+    found = left_over(problem.experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: (tuple(rows), ()))
     assert [row.equation for row in found] == told

@@ -1,0 +1,65 @@
+"""Accepted names that are refuted by what they leave: a law that is right leaves nothing of its equation.
+
+What stands for the truth explains a part of the misfit, often the most of it. Three rests show it: one that is told without a
+curve, or beside one, and is larger than what the name gained; one that is told without a curve, of the name's own equation; and
+one of a curve which, in place of the name, explains what both do.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from observer_fi.improve.moves.misfit import missed
+from observer_fi.improve.moves.unexplained import price, smooth_terms
+from observer_fi.improve.steps import NOTHING_KNOWN, Ladder, Smooth, Step
+from observer_fi.learn import Experiment, FitResult
+
+_MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides
+
+
+def unrefuted(
+    experiment: Experiment,
+    ladder: Ladder[FitResult],
+    rest: Sequence[Smooth],
+    without: Callable[[FitResult, Step[FitResult]], FitResult],
+) -> Ladder[FitResult]:
+    """The ladder less the names that the rest refutes, the weakest asked first.
+
+    rest: what is told of the misfit that it leaves, the most telling first. without: a fit less one of the steps.
+    """
+    curve = 0.0 if rest[0].regressor == NOTHING_KNOWN else rest[0].gain
+    dark = missed(experiment, ladder.extended) - curve
+    fitted, gone = ladder.extended, []
+    for step in sorted(ladder.steps, key=lambda s: s.trial.gain):
+        before = without(fitted, step)
+        gain = before.objective - fitted.objective
+        if gain < dark or _is_part_of_it(step, rest[0]) or _is_needless(experiment, before, gain, curve):
+            fitted = before
+            gone.append(step)
+    return _less(ladder, fitted, gone)
+
+
+def _is_part_of_it(step: Step[FitResult], first: Smooth) -> bool:
+    """Whether an equation that nothing known goes with, and that the data want free, is that of a name."""
+    equations = {candidate.cause.equation for candidate in step.trial.candidates}
+    return first.regressor == NOTHING_KNOWN and first.gain > 0.0 and first.equation in equations
+
+
+def _is_needless(experiment: Experiment, before: FitResult, gain: float, curve: float) -> bool:
+    """Whether a curve explains, without a name, its gain and most of what a curve explains beside it [nats]."""
+    if curve == 0.0:
+        return False
+    instead = smooth_terms(experiment, before, 0.0)[0]
+    return instead.gain - price(experiment, instead) > gain + _MOST * curve
+
+
+def _less(ladder: Ladder[FitResult], fitted: FitResult, gone: list[Step[FitResult]]) -> Ladder[FitResult]:
+    """The ladder without some steps, which count as tried and refused."""
+    kept = tuple(step for step in ladder.steps if all(step is not other for other in gone))
+    refused = [pair for s in gone for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
+    return replace(
+        ladder,
+        extended=fitted if kept else ladder.baseline,
+        steps=kept,
+        path=ladder.path if kept else (),
+        refused=(*refused, *ladder.refused),
+    )

@@ -1,0 +1,84 @@
+"""A name is taken back where what it leaves shows that another law is at work."""
+
+import sys
+from types import SimpleNamespace
+
+import hidden
+import numpy as np
+import pytest
+
+from observer_fi.improve.ladder import name_causes
+from observer_fi.improve.moves.refuted import unrefuted
+from observer_fi.improve.moves.simulated_moves import simulated_moves
+from observer_fi.improve.steps import Candidate, HeldOut, Ladder, Smooth, Step, Trial, nameless
+from observer_fi.learn import with_servo
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import CAUSES, Coverage, load_rig
+
+REFUTED = sys.modules["observer_fi.improve.moves.refuted"]
+EXPERIMENT = SimpleNamespace(weight=np.ones((1000, 3)))
+NOTHING = np.empty(0)
+
+
+def curve(equation: str, gain: float) -> Smooth:
+    return Smooth(equation, "speed", False, gain, gain, 0.9, NOTHING, NOTHING, NOTHING, 9)
+
+
+def step_of(cause: str, gain: float) -> Step:
+    named = Candidate(CAUSES[cause], CAUSES[cause].forms(Coverage())[0], gain, gain, {}, {})
+    return Step(Trial((named,), None, gain, (gain,)), HeldOut(1.0, {}), {cause: ()})
+
+
+@pytest.mark.parametrize(
+    ("left", "rest", "instead", "kept"),
+    [
+        (900.0, [nameless("servo", 600.0, 900.0)], 0.0, ["viscous_friction"]),
+        (1100.0, [nameless("servo", 600.0, 1100.0)], 0.0, []),  # more stays in the dark than the name explains
+        (1100.0, [nameless("servo", 600.0, 1100.0), curve("sensor:current", 500.0)], 0.0, []),  # a curve of another equation
+        (1100.0, [curve("sensor:current", 900.0)], 1100.0, ["viscous_friction"]),  # an effect of its own beside it
+        (1100.0, [curve("sensor:current", 900.0)], 1900.0, []),  # which in its place does for both
+        (300.0, [nameless("torque", 250.0, 300.0)], 0.0, []),  # its own equation is not yet right
+        (300.0, [nameless("servo", 250.0, 300.0)], 0.0, ["viscous_friction"]),
+        (300.0, [nameless("torque", 0.0, 0.0)], 0.0, ["viscous_friction"]),  # only bent, not wanted
+    ],
+)  # fmt: skip
+def test_a_name_stands_by_what_it_leaves(
+    left: float, rest: list[Smooth], instead: float, kept: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The name gains 1000 nats. left: misfit that it leaves; instead: what the best curve gains without it."""
+    monkeypatch.setattr(REFUTED, "missed", lambda *_: left)
+    monkeypatch.setattr(REFUTED, "smooth_terms", lambda *_: [curve("torque", instead)])
+    baseline, extended = SimpleNamespace(objective=1000.0 + left), SimpleNamespace(objective=left)
+    ladder = Ladder(baseline, extended, (step_of("viscous_friction", 1000.0),), (extended,), (), ())
+    found = unrefuted(EXPERIMENT, ladder, rest, lambda *_: baseline)
+    assert [name for step in found.steps for name in step.trial.causes] == kept
+    assert found.extended is (extended if kept else baseline)
+    assert found.refused == (() if kept else (("viscous_friction", 1000.0),))
+
+
+def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(REFUTED, "missed", lambda *_: 500.0)
+    fits = [SimpleNamespace(objective=objective) for objective in (3300.0, 800.0, 500.0)]
+    steps = (step_of("viscous_friction", 2500.0), step_of("brush_drop", 300.0))
+    ladder = Ladder(fits[0], fits[2], steps, tuple(fits[1:]), (), ())
+    without = {"brush_drop": fits[1], "viscous_friction": fits[0]}
+    found = unrefuted(
+        EXPERIMENT, ladder, [nameless("servo", 400.0, 500.0)], lambda _, s: without[s.trial.causes[0]]
+    )
+    assert found.steps == steps[:1] and found.extended is fits[1]
+    assert found.refused == (("brush_drop", 300.0),)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "seed"),
+    [("km_by_direction", 7110007), ("lead_heating", 7110010), ("square_drag", 7110013), ("kp_by_error", 7110020)],
+)  # fmt: skip
+def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause: str, seed: int) -> None:
+    """They were voltage_offset, position_gain, viscous_friction and load_dependent_friction."""
+    spec = hidden.draw_effects_case(seed, (cause,), 3.0)
+    log, rig = log_from_frame(hidden.make_log(spec, seed)[0]), load_rig()
+    problem = simulated_moves([log], with_servo([log], rig))
+    ladder = problem.reconsidered(name_causes(problem))
+    assert ladder.steps == ()
+    assert problem.unexplained(ladder)[0].equation in hidden.ALL[cause].equations
