@@ -21,6 +21,7 @@ def hide(causes: tuple[str, ...], size: float, seed: int = SEED) -> dict:
     return run_case(Case(causes, size, seed, all(c in hidden.CAUSES for c in causes)))
 
 
+@pytest.mark.slow
 def test_a_hidden_cause_is_found_first_and_its_size_compared_with_the_truth():
     row = hide(("voltage_offset",), 3.0)
     assert "voltage_offset" in row["found"][0]

@@ -31,6 +31,7 @@ def test_moves_are_consistent(few: pd.DataFrame) -> None:
     assert few["nis"].between(2.7, 3.2).all()  # 3 expected, less what starts leave in doubt
 
 
+@pytest.mark.slow
 def test_the_report_holds_every_table(few: pd.DataFrame) -> None:
     other = d.study(d.jobs(d.OTHER, 1))
     off = d.study(d.jobs(d.NAMED[:1], 1, (2.0,)))

@@ -80,7 +80,7 @@ from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
-from observer_fi.verdict.testable import SURE_HZ, Testable, or_an_obstacle, untested
+from observer_fi.verdict.testable import SURE_HZ, Testable, or_a_slip, or_an_obstacle, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, or_unexplained, wrong_rig
 
 ONSETS_AGREE_S = 0.02
@@ -447,18 +447,7 @@ class Diagnosis:
         found = self.isolator.result()
         self._ask_moves(found.events[-1:])
         finished = [self._of_the_day(self._finished(e)) for e in found.events]
-        if self.isolator.channels.lacks("voltage") and not self._servo_tells():
-            alike = self.settings.decision.alike
-            finished = [without_voltage(e, self.memory, self.logged, alike) for e in finished]
-            finished = [or_left_behind(e, self.memory, self.logged, alike) for e in finished]
-        finished = [or_dead_voltage(e, self.memory, self.logged) for e in finished]
-        finished = [or_of_current(e, self.memory, self.logged) for e in finished]
-        finished = [
-            or_still_turning(e, self.memory, self.logged, self.settings.decision.alike) for e in finished
-        ]
-        finished = [or_an_obstacle(or_stalled(e, self.memory), self.rate, self.rig) for e in finished]
-        if self.rate < SURE_HZ and not self.rig.watched.servo:
-            finished = [or_let_go(e, self.memory) for e in finished]
+        finished = list(map(self._as_far_as_told, finished))
         isolated = list(map(isolated_again, finished, found.events))
         if self.detected_at is None:  # which may be anywhere in a move
             isolated[:1] = map(or_never_fitted, isolated[:1])
@@ -483,6 +472,18 @@ class Diagnosis:
              "detected_at": self.detected_at, **asdict(self.settings)},
             acquisition=self.as_logged.told if self.as_logged else None, warnings=self._warnings(isolation, foreign),
         )  # fmt: skip
+
+    def _as_far_as_told(self, event: Event) -> Event:
+        """An event with what the channels that are logged, their rate and their steps leave open beside it."""
+        memory, rig, alike = self.memory, self.logged, self.settings.decision.alike
+        if self.isolator.channels.lacks("voltage") and not self._servo_tells():
+            event = without_voltage(event, memory, rig, alike)
+            event = or_left_behind(event, memory, rig, alike)
+        event = or_of_current(or_dead_voltage(event, memory, rig), memory, rig)
+        event = or_stalled(or_still_turning(event, memory, rig, alike), memory)
+        event = or_a_slip(or_an_obstacle(event, self.rate, self.rig), memory, rig)
+        slow = self.rate < SURE_HZ and not self.rig.watched.servo
+        return or_let_go(event, memory) if slow else event
 
     def _servo_tells(self) -> bool:
         """Whether a known servo tells its motor: samples show the ring by which it answers a load, and no sensor's fault."""

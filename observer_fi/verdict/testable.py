@@ -4,11 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.bank import log_feed
-from observer_fi.numerics import count_in_rows, digits
-from observer_fi.physics import FAULTS, LABELS, NOMINAL, NOT_TESTED, UNKNOWN, UNLEARNED, Rig, words_of
+from observer_fi.bank import Bank, log_feed
+from observer_fi.numerics import count_in_rows, digits, in_python, with_unit
+from observer_fi.physics import (
+    FAULTS,
+    LABELS,
+    NOMINAL,
+    NOT_TESTED,
+    UNKNOWN,
+    UNLEARNED,
+    Rig,
+    equations,
+    words_of,
+)
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
+from observer_fi.verdict.drift import or_as_well
 
 NO_MOVE = "the log holds no move"
 # Samples in motion with a reading. The quickest isolation of the paper's faults takes 6 of them, and a bank that begins
@@ -94,6 +105,32 @@ def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
     return event._replace(
         probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, why)
     )
+
+
+def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:
+    """An obstacle or, as likely, a nut that slips, where all that presses back on the mass until it stops (equation 11) is less
+    than a step of the current.
+    """
+    recent, onset, step = bank.recent, event.onset_s, float(rig.step[1])
+    if (
+        event.label != "overload"
+        or event.severity
+        or recent is None
+        or onset is None
+        or "slip" in event.alike
+    ):
+        return event
+    pressed = (recent.t >= onset) & (recent.t <= event.end_s) & recent.active
+    x = recent.z[pressed, 2][np.isfinite(recent.z[pressed, 2])]
+    depth = float(np.ptp(x)) if x.size else np.inf
+    most = in_python(equations.stop_torque)(0.0, depth, rig.model.vector)
+    if most >= rig.model["Km"] * step:
+        return event
+    why = (
+        f"current_a comes in steps of {with_unit(step, 'A')}, and until the mass stopped an obstacle need not have brought "
+        "one of them: a nut that slips looks the same"
+    )
+    return or_as_well(event, "slip", why)
 
 
 def moving_samples(e: Estimate) -> int:

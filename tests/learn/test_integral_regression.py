@@ -1,6 +1,7 @@
 """Integrals of readings of a slow log: the regression itself is tested with the identification."""
 
 import numpy as np
+import pytest
 
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.learn.integral_regression import Window, _from_voltage, _integral
@@ -41,6 +42,7 @@ def soft_windows(rig: Rig, seed: int) -> list[Window]:
     return windows
 
 
+@pytest.mark.slow
 def test_the_noise_of_the_current_makes_no_resistance_smaller() -> None:
     """Plain least squares took it for half of what it is, and every other constant with it."""
     rig = rig_of_sheet(SHEET).rig

@@ -48,6 +48,7 @@ def test_what_ends_behind_the_stop_is_told_to_last() -> None:
     assert since_end(None, behind) == 0.0 and since_end(stop - 0.1, behind) == pytest.approx(-0.2)
 
 
+@pytest.mark.slow
 def test_friction_that_rose_at_rest_is_worth_what_no_healthy_rig_has() -> None:
     spec = drawn(Job("in_a_rest", 3))
     level = replace(spec.profile, pitch_steps=((0.0, 1e-6),))

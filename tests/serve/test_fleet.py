@@ -367,6 +367,7 @@ def run_and_kill(job: fleet.Job, good: int, broken: int, address: str, workers: 
     assert state_of(job.out) == before
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed_and_a_second_run_does_nothing(
     tmp_path: Path, cluster: tuple[str, Processes]
 ) -> None:

@@ -67,6 +67,7 @@ THROUGH = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "label"), [(name, LABELS[(k + j) % 3]) for k, name in enumerate(THROUGH) for j in range(2)]
 )
@@ -75,6 +76,7 @@ def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) ->
     assert what(streamed(log)[0].verdict()) == what(of_the_bank(log))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["position_100hz", "voltage_late+offsets", "hum_50hz"])
 def test_the_size_of_batches_does_not_matter(name: str) -> None:
     log = through(name, "coupling_loss", 7611)

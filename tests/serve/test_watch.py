@@ -394,6 +394,7 @@ def test_every_move_has_its_verdict_and_faults_are_counted() -> None:
     assert flow.faulty == 1 and flow.moves == 2
 
 
+@pytest.mark.slow
 def test_eighty_moves_leave_no_object_behind() -> None:
     """What is held after 20 moves is what is held after 80, each of 1600 samples."""
     header, *lines = csv_lines(sample_log("none"))[1:]

@@ -40,6 +40,7 @@ def said_of(kind: str, seed: int) -> tuple[str, bool]:
     return outcome.isolation.verdict.label, NOT_FOLLOWED in outcome.warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed"), list(zip(SPOILT, range(41_000, 41_005), strict=True)))
 def test_what_the_servo_followed_is_asked_of_the_servo(kind: str, seed: int) -> None:
     assert said_of(kind, seed)[0] == CLASSES[seed % 3]
@@ -54,6 +55,7 @@ def test_whatever_was_logged_for_the_command(kind: str) -> None:
     assert any(told for _, told in said)
 
 
+@pytest.mark.slow
 def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
     frame, _ = make_log(draw_move_case(41_004, "overload"), 41_004)
     command = frame["speed_cmd_rad_s"]
@@ -63,6 +65,7 @@ def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
     assert NOT_FOLLOWED in outcome.warnings and NOT_FOLLOWED in outcome.log.notes
 
 
+@pytest.mark.slow
 def test_half_the_rate_says_the_same() -> None:
     log = spoilt("without its ramp", 41_006)
     slow = replace(log, t=log.t[::2], z=log.z[::2], w_cmd=log.w_cmd[::2], pitch=log.pitch[::2])

@@ -169,6 +169,7 @@ def test_lines_of_held_readings_stay_in_them() -> None:
     assert known.lines is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["coloured", "coloured+position_late"])
 def test_noise_that_wanders_is_no_filter(name: str) -> None:
     """A filter makes its noise white, which gained a thousand nats: in the rest as in the motion."""

@@ -20,6 +20,7 @@ def said_of(trait: str, spec, seed: int) -> Event:
     return found.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5_910_000, 5_910_001, 5_910_002])
 def test_a_burst_of_noise_behind_a_wandering_baseline_is_a_failing_sensor(seed: int) -> None:
     spec = draw_failing_case(seed, "noise_burst", "voltage", 3.0)

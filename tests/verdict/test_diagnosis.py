@@ -196,6 +196,7 @@ def test_every_move_of_a_campaign_has_its_verdict(long_log: tuple[Log, dict]) ->
     assert [e.start_s for e in outcome.isolation.events] == pytest.approx(starts, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_log(long_log: tuple[Log, dict]) -> None:
     """A campaign four times over needs no more than twice (then what is drawn is full), in chunks of 2.5 s."""
 
@@ -234,6 +235,7 @@ def test_a_false_alarm_from_outside_is_called_one(tmp_path: Path) -> None:
     assert outcome.open_loop is not None and outcome.open_loop.verdict.label == "nominal"
 
 
+@pytest.mark.slow
 def test_what_passes_does_not_condemn_the_move() -> None:
     """15 ms in which voltage and current contradict each other: whatever was thought of them, nominal comes back."""
     said = []
@@ -280,6 +282,7 @@ def servo_free() -> Rig:
     return replace(RIG, drive="voltage", quantities=known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_command", [True, False])
 @pytest.mark.parametrize("label", FAULTS)
 def test_faults_are_told_without_the_servos_gains(

@@ -38,6 +38,7 @@ def verdict_of(label: str, kind: str, seed: int) -> Outcome:
     return judged(SPOILT[kind][1](make_log(draw_move_case(seed, label), seed)[0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "label"), [("position", "overload")])
 def test_a_fault_is_found_without_the_channel(kind: str, label: str) -> None:
     found = verdict_of(label, kind, 3320001)
@@ -48,6 +49,7 @@ def test_a_fault_is_found_without_the_channel(kind: str, label: str) -> None:
     assert any(SPOILT[kind][0] in words and "judged without it" in words for words in found.warnings)
 
 
+@pytest.mark.slow
 def test_health_without_the_channel_may_be_a_sensor_that_had_failed() -> None:
     found = verdict_of("nominal", "leak", 3320006)
     assert found.isolation is not None
@@ -91,6 +93,7 @@ def test_readings_of_a_channel_are_taken_away() -> None:
     assert np.isfinite(log.z[:, 1]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3320011])
 def test_a_current_that_alone_tells_a_load_leaves_no_fault_of_the_actuator(seed: int) -> None:
     """Its leak looks like friction in all of the move, of which the voltage shows nothing."""

@@ -59,6 +59,7 @@ def test_of_voltage_and_current_the_one_that_is_wrong_is_not_cleared(
         assert told.verdict.probability == probability
 
 
+@pytest.mark.slow
 def test_a_fault_without_a_name_may_be_of_a_recovered_command() -> None:
     frame, _ = make_log(draw_move_case(3330102, "nominal"), 3330102)
     drifting = frame.assign(**{V: frame[V] + 0.24 * frame["time_s"]}).drop(columns="speed_cmd_rad_s")
@@ -83,6 +84,7 @@ def test_a_sensor_that_fails_alone_is_sure_to() -> None:
     assert verdict.probability > 0.95
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_only_a_noisy_position_tells_may_be_its_sensor() -> None:
     """A bit of the position is stuck, behind a baseline that wanders: the motor would feel an obstacle."""
     spec = draw_failing_case(5_710_046, "stuck_bit", "position", 3.0)

@@ -41,6 +41,7 @@ def test_health_and_faults_without_a_begin_stay_what_they_are() -> None:
         assert or_the_brake(kept, bank(1600.0)) is kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [81_000, 81_003, 81_006])
 def test_a_current_with_a_share_of_the_voltage_is_no_fault_for_sure(seed: int) -> None:
     """A lost coupling at 1.0, which began with the brake."""

@@ -65,6 +65,7 @@ def test_moves_in_one_direction_tell_it_as_they_stop() -> None:
         assert zero_of(log.part(slice(0, stop))) == 0.0, seed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss", "sensor_fault"])
 @pytest.mark.parametrize("move", [1, 3])
 def test_a_fault_is_told_beside_it_as_without_it_and_is_no_zero(label: str, move: int) -> None:

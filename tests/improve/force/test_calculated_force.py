@@ -76,6 +76,7 @@ def test_friction_that_falls_towards_standstill_is_never_stribecks(falls: float)
     assert "viscous_friction" in names and "stribeck_friction" not in names
 
 
+@pytest.mark.slow
 def test_all_at_once_with_their_sizes():
     truth = Truth(DRAG, 210.0, 7.0, 0.012, 1.0, 1.0, 3e-4)
     force = problem(truth, rig())
