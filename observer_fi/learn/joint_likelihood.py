@@ -323,8 +323,9 @@ def _two(e: Experiment, begin: int, ready: tuple[Array, Array], p: Array, start:
 
 
 def residuals_of(part: Part, plant: Model, values: Mapping[str, float], nuisance: Array) -> Array:
-    """(N, 3) normalised residuals, 0 where missing."""
-    return (part.experiment.z - predict(part, plant, values, nuisance)) * part.experiment.weight
+    """(N, 3) normalised residuals, 0 where missing; not finite where values far off end in no motion."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (part.experiment.z - predict(part, plant, values, nuisance)) * part.experiment.weight
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,8 @@ def or_never_fitted(event: Event) -> Event:
 def or_unexplained(events: Sequence[Event], consistency: Consistency) -> tuple[Event, ...]:
     """The events of a log; those that a hypothesis of the actuator won which explains the log by far too badly may be anything.
 
-    The likelihood only says which hypothesis is the least bad. A sensor that fails leaves the others to explain.
+    The likelihood only says which hypothesis is the least bad. Not where a sensor fails, which leaves the others to explain, nor
+    where the whole move has told a fault with its size, which no filter of the bank has.
     """
     if not consistency.nis_mean > UNEXPLAINED * consistency.nis_expected:
         return tuple(events)
@@ -78,7 +79,7 @@ def or_unexplained(events: Sequence[Event], consistency: Consistency) -> tuple[E
 
 
 def _or_unknown(event: Event, why: str) -> Event:
-    if event.label in (UNKNOWN, NOT_TESTED, "sensor_fault") or is_dead(event):
+    if event.label in (UNKNOWN, NOT_TESTED, "sensor_fault") or event.severity or is_dead(event):
         return event
     return or_else(event, UNKNOWN, why) if event.label == NOMINAL else or_as_well(event, UNKNOWN, why)
 
