@@ -38,6 +38,11 @@ LEARNED_FIRST = ("J", "A")  # what any healthy move tells
 # What one of a slow logger tells, too: its starts are too short for the inertia, and the errors that were learned with that of
 # the data sheet hold what it is off.
 FRICTION = ("A",)
+_PRESSES_NOT = "an obstacle that presses back with nothing is no other than a nut that slips"
+_LESS_THAN_A_STEP = (
+    "current_a comes in steps of {}, and until the mass stopped an obstacle need not have brought one of them: a nut that slips "
+    "looks the same"
+)
 FEWEST_QUIET = 2  # channels that repeat themselves together: one could be frozen
 
 
@@ -108,29 +113,30 @@ def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
 
 
 def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:
-    """An obstacle or, as likely, a nut that slips, where all that presses back on the mass until it stops (equation 11) is less
-    than a step of the current.
+    """An obstacle or, as likely, a nut that slips, where nothing tells that it presses back.
+
+    So it is where the stiffness that was found is none within its interval; and, where none was, if all that presses back until
+    the mass stops (equation 11) is less than a step of the current.
     """
-    recent, onset, step = bank.recent, event.onset_s, float(rig.step[1])
-    if (
-        event.label != "overload"
-        or event.severity
-        or recent is None
-        or onset is None
-        or "slip" in event.alike
-    ):
+    if event.label != "overload" or "slip" in event.alike:
         return event
-    pressed = (recent.t >= onset) & (recent.t <= event.end_s) & recent.active
-    x = recent.z[pressed, 2][np.isfinite(recent.z[pressed, 2])]
-    depth = float(np.ptp(x)) if x.size else np.inf
-    most = in_python(equations.stop_torque)(0.0, depth, rig.model.vector)
-    if most >= rig.model["Km"] * step:
+    found = [s.interval for s in event.severity if s.name == "stiffness"]
+    if found:
+        return or_as_well(event, "slip", _PRESSES_NOT) if found[0][0] <= 0.0 <= found[0][1] else event
+    step = float(rig.step[1])
+    if rig.model["Km"] * step <= _pressed(event, bank, rig):
         return event
-    why = (
-        f"current_a comes in steps of {with_unit(step, 'A')}, and until the mass stopped an obstacle need not have brought "
-        "one of them: a nut that slips looks the same"
-    )
-    return or_as_well(event, "slip", why)
+    return or_as_well(event, "slip", _LESS_THAN_A_STEP.format(with_unit(step, "A")))
+
+
+def _pressed(event: Event, bank: Bank, rig: Rig) -> float:
+    """What an obstacle of the rig file presses back with in the end [N m]; without limit where the way into it is not known."""
+    recent, onset = bank.recent, event.onset_s
+    if recent is None or onset is None:
+        return np.inf
+    x = recent.z[(recent.t >= onset) & (recent.t <= event.end_s) & recent.active, 2]
+    x = x[np.isfinite(x)]
+    return in_python(equations.stop_torque)(0.0, float(np.ptp(x)), rig.model.vector) if x.size else np.inf
 
 
 def moving_samples(e: Estimate) -> int:
