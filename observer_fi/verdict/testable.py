@@ -20,6 +20,7 @@ from observer_fi.physics import (
 from observer_fi.records import Array, Consistency, Estimate, Event, Isolation, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.drift import or_as_well
+from observer_fi.verdict.moves.unloaded import feels_another_load, presses_back
 
 NO_MOVE = "the log holds no move"
 # Samples in motion with a reading. The quickest isolation of the paper's faults takes 6 of them, and a bank that begins
@@ -115,14 +116,15 @@ def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
 def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:
     """An obstacle or, as likely, a nut that slips, where nothing tells that it presses back.
 
-    So it is where the stiffness that was found is none within its interval; and, where none was, if all that presses back until
-    the mass stops (equation 11) is less than a step of the current.
+    So it is where the stiffness that was found is none within its interval, and the current is as before; and, where none was
+    found, if all that presses back until the mass stops (equation 11) is less than a step of the current.
     """
     if event.label != "overload" or "slip" in event.alike:
         return event
-    found = [s.interval for s in event.severity if s.name == "stiffness"]
-    if found:
-        return or_as_well(event, "slip", _PRESSES_NOT) if found[0][0] <= 0.0 <= found[0][1] else event
+    pressing = presses_back(event)
+    if pressing is not None:
+        stands = pressing or feels_another_load(event, bank)
+        return event if stands else or_as_well(event, "slip", _PRESSES_NOT)
     step = float(rig.step[1])
     if rig.model["Km"] * step <= _pressed(event, bank, rig):
         return event

@@ -123,6 +123,8 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
         return _or_misread(event, alike)
     if event.label == "overload" and seen.pace is not None and not seen.stands:
         other = _without_an_obstacle(seen)
+        if other == ("slip", None) and presses_back(event):
+            return event
         return event if other is None else _shared(event, {key: 0.0, other: 0.0}, alike)
     takes_all = event.label in ("overload", "slip")
     if (takes_all and not seen.stands) or (key == ("sensor_fault", "position") and seen.stands is False):
@@ -330,6 +332,17 @@ def or_stalled(event: Event, bank: Bank) -> Event:
         return event
     told = _shared(event, {(label, None): 0.0 for label in (UNKNOWN, "overload", "jam")}, 0.0)
     return told._replace(isolated_s=None, reasons=(*event.reasons, _STALLED))
+
+
+def presses_back(event: Event) -> bool | None:
+    """Whether the stiffness of an obstacle is one within its interval; None where none was found."""
+    found = [s.interval for s in event.severity if s.name == "stiffness"]
+    return not found[0][0] <= 0.0 <= found[0][1] if found else None
+
+
+def feels_another_load(event: Event, bank: Bank) -> bool:
+    """Whether the steady current behind an onset is another one than before it."""
+    return _changed(_around(event, bank))
 
 
 def _without_an_obstacle(seen: _Around) -> tuple[str, str | None] | None:
