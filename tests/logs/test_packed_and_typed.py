@@ -182,12 +182,19 @@ def historian(rows: pd.DataFrame) -> str:
 
 STAMPED = ColumnMap({"time_s": Source("_time", stamps=True)})
 MILLIAMPERES = ColumnMap({"time_s": Source("Zeit [s]"), "current_a": Source("Strom [mA]", 1e-3)})
+NUMBERED = ColumnMap({"current_a": Source("Motor #1")})
 LONG: dict[str, tuple[Callable[[pd.DataFrame], str], ColumnMap | None]] = {
     "plain": (lambda rows: rows.to_csv(index=False), None),
     "JSON": (lambda rows: rows.to_json(orient="records", double_precision=15), None),
     "signal by signal": (lambda rows: rows.sort_values("signal", kind="stable").to_csv(index=False), None),
     "InfluxDB": (influx, STAMPED),
     "historian": (historian, MILLIAMPERES),
+    "a name with #, lines of old Macs": (
+        lambda rows: (
+            "# rig a\r" + rows.replace("current_a", "Motor #1").to_csv(index=False, lineterminator="\r")
+        ),
+        NUMBERED,
+    ),
 }
 
 
@@ -195,7 +202,7 @@ LONG: dict[str, tuple[Callable[[pd.DataFrame], str], ColumnMap | None]] = {
 def test_a_row_a_reading_becomes_a_row_a_time(kind: str, tmp_path: Path) -> None:
     write, column_map = LONG[kind]
     path = tmp_path / ("log.json" if kind == "JSON" else "log.csv")
-    path.write_text(write(long(FRAME)), encoding="utf-8")
+    path.write_bytes(write(long(FRAME)).encode())
     found, expected = read_log(path, column_map), read_log(wide(tmp_path / "wide.csv"))
     assert np.allclose(found.t - found.t[0], expected.t, atol=1e-9)
     assert np.allclose(found.z, expected.z, equal_nan=True, atol=1e-9)

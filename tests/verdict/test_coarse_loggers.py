@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from hidden import draw_move_case, make_log
+from moves import sure_of
 
 from observer_fi.logs import log_from_frame, recover_command
 from observer_fi.physics import load_rig
-from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, Event, Severity
+from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, Severity
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.testable import not_tested, or_a_slip
+from observer_fi.verdict.testable import or_a_slip
 from observer_fi.verdict.wrong_rig import or_unexplained
 
 EVERY, LATE = 16, 32  # samples at 1600 Hz from row to row, and by which a command is logged late
@@ -80,23 +81,11 @@ def test_a_verdict_is_right_or_not_sure(logger: Logger) -> None:
 # --- what is shared ---------------------------------------------------------------------------------
 
 
-def sure_of(label: str, *severity: Severity) -> Event:
-    event = not_tested("")
-    posterior = dict.fromkeys(event.posterior, 0.0) | {label: 1.0}
-    return event._replace(
-        label=label,
-        probability=1.0,
-        posterior=posterior,
-        onset_s=1.0,
-        start_s=0.3,
-        end_s=2.0,
-        severity=severity,
-    )
-
-
 @pytest.mark.parametrize(("low", "shared"), [(-1.0, True), (0.5, False)])
 def test_an_obstacle_that_may_press_back_with_nothing_may_be_a_slip(low: float, shared: bool) -> None:
-    event = sure_of("overload", Severity("stiffness", 2.0, (low, 5.0), "N m/m^2", ""))
+    event = sure_of("overload", 1.0, 2.0)._replace(
+        severity=(Severity("stiffness", 2.0, (low, 5.0), "N m/m^2", ""),)
+    )
     told = or_a_slip(event, SimpleNamespace(recent=None), load_rig())
     assert told.alike == (("slip",) if shared else ()) and told.probability == (0.5 if shared else 1.0)
 
@@ -111,18 +100,18 @@ def test_an_obstacle_of_less_than_a_step_of_the_current_may_be_a_slip(travel: fl
     fine = ChannelTraits(3e-4, 3e-4)
     for current, expected in ((coarse, shared), (fine, False)):
         rig = replace(load_rig(), logger=Acquisition(fine, current, fine, Clock(0.0, None, 0.01)))
-        told = or_a_slip(sure_of("overload"), SimpleNamespace(recent=recent), rig)
+        told = or_a_slip(sure_of("overload", 1.0, 2.0), SimpleNamespace(recent=recent), rig)
         assert ("slip" in told.alike) is expected
 
 
 @pytest.mark.parametrize("label", ["nominal", "jam", "sensor_fault", "unknown"])
 @pytest.mark.parametrize("times", [1.2, 4.0])
 def test_the_least_bad_hypothesis_of_the_actuator_is_not_sure(label: str, times: float) -> None:
-    (told,) = or_unexplained([sure_of(label)], Consistency(3.0 * times, 3.0, 0.5))
+    (told,) = or_unexplained([sure_of(label, 1.0, 2.0)], Consistency(3.0 * times, 3.0, 0.5))
     doubted = times > 2.5 and label in ("nominal", "jam")
     assert (told.probability, told.alike) == ((0.5, ("unknown",)) if doubted else (1.0, ()))
 
 
 def test_a_fault_that_the_whole_move_told_with_its_size_stands() -> None:
-    event = sure_of("jam", Severity("friction_rise", 1.0, (0.9, 1.1), "1", ""))
+    event = sure_of("jam", 1.0, 2.0)._replace(severity=(Severity("friction_rise", 1.0, (0.9, 1.1), "1", ""),))
     assert or_unexplained([event], Consistency(12.0, 3.0, 0.5)) == (event,)

@@ -21,8 +21,6 @@ TIME, LATE = "low_pass_s", "low_pass_late_s"
 NAMES = (TIME, LATE)
 DRIVE = (0, 1)  # voltage and current
 _FINE = 0.02  # share of the rows that stand nearer than those of a filter's grid: transients have more than there are samples
-
-
 _POLES = {1: (1.0,), 2: (0.75, -0.75)}  # by order: angles of Butterworth's poles, in half turns
 
 

@@ -39,7 +39,7 @@ class LongHeader(NamedTuple):
 
 def long_header(head: str) -> LongHeader | None:
     """The header among the first lines of a text, None where it is none of a table with a row a reading."""
-    lines = head.splitlines()
+    lines = _newlines(head).split("\n")
     at = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
     if at is None:
         return None
@@ -62,7 +62,7 @@ def long_text(text: str, header: LongHeader) -> bytes:
 
     What stands before the header is kept; a signal is called with its unit. Raises InvalidLogError.
     """
-    lines = text.split("\n", header.line)
+    lines = _newlines(text).split("\n", header.line)
     readings = _readings(lines[-1], header)
     readings["turn"] = readings.groupby(
         ["time", "name"]
@@ -82,24 +82,24 @@ def long_text(text: str, header: LongHeader) -> bytes:
     return "\n".join([*lines[:-1], ""]).encode() + table
 
 
+def _newlines(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
 def _readings(text: str, header: LongHeader) -> "pd.DataFrame":
     """Time, name and value of every reading, as texts. Raises InvalidLogError."""
     import pandas as pd
 
     try:
         found = pd.read_csv(
-            io.StringIO(text),
-            sep=header.separator,
-            dtype=str,
-            keep_default_na=False,
-            comment="#",
-            index_col=False,
-        )
+            io.StringIO(text), sep=header.separator, dtype=str, keep_default_na=False, index_col=False
+        ).fillna("")  # of a row that is too short
     except ValueError as error:
         reason = one_line(error, 150)
         raise InvalidLogError(
             f"a table with a row a reading that breaks off ({reason}); export it again"
         ) from error
+    found = found[~found.iloc[:, 0].str.startswith("#")]  # a # within a row is part of a name
     columns = [found.iloc[:, k].str.strip() for k in range(len(header.fields))]
     names, value = columns[header.name], columns[header.value]
     if header.unit is not None:
