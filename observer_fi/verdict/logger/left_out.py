@@ -16,7 +16,7 @@ import numpy as np
 
 from observer_fi.bank import Bank
 from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
-from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded
+from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded, label_of
 from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict.drift import (
@@ -33,7 +33,7 @@ from observer_fi.verdict.isolate import log_verdict
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT, is_odd
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import first_start
-from observer_fi.verdict.moves.of_the_day import told_by
+from observer_fi.verdict.moves.of_the_day import nats_of, told_by
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 from observer_fi.verdict.wrong_rig import begins_with_the_motion
 
@@ -50,6 +50,7 @@ TOLD_BY_ONE = (
     "shows in one channel alone: the log was judged without it. Look at it with observer-fi inspect"
 )
 CHANGES = 2.0  # times what means of innovations were before
+TELLS = 3.0  # nats that a fault must gain on health in channels to be told by them, what it costs to come at any sample paid
 ONE_OF_TWO = 0.5  # probability of a fault that is as likely as another
 ELECTRICAL = ("voltage", "current")
 _EITHER = "without {}, which contradicts the others, the actuator is healthy"
@@ -119,19 +120,21 @@ def end_of_move(log: Log, verdict: Event, rig: Rig) -> Log | None:
 
 class Healthy(NamedTuple):
     """How nominal explains a log: NIS over its expectation; times (n,) [s] in the verdict's move once its start has settled, and
-    the largest means (n,) of innovations then; the friction, in spreads from rig to rig.
+    the largest means (n,) of innovations then; the friction, in spreads from rig to rig; the nats that the verdict's fault gains.
     """
 
     misfit: float
     t: Array
     means: Array
     friction: float | None
+    gain: float
 
     @property
     def explains(self) -> bool:
-        """Whether every move is healthy, no mean stays on one side, and friction is what many rigs have."""
+        """Whether every move is healthy, no mean stays on one side, friction is what many rigs have, and no fault is told."""
         usual = self.friction is None or abs(self.friction) < UNUSUAL
-        return self.misfit <= EXPLAINED and self.means.max(initial=0.0) <= LIMIT and usual
+        calm = self.misfit <= EXPLAINED and self.means.max(initial=0.0) <= LIMIT
+        return calm and usual and self.gain < TELLS
 
     def sees_a_change(self, onset_s: float | None) -> bool:
         """Whether means leave where they were before an onset."""
@@ -148,10 +151,14 @@ def healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: 
     hypotheses = Bank(known.rig, known.settings).hypotheses
     nominal = Bank(known.rig, known.settings, hypotheses=hypotheses[:1])
     e = nominal.advance(taken)
+    row = FAULTS.get(verdict.label)
+    own = row is not None and not row.by_channel and verdict.label not in (NOMINAL, UNKNOWN)
+    faults = tuple(h for h in hypotheses[1:] if own and label_of(h.name) == verdict.label)
+    told = Bank(known.rig, known.settings, hypotheses=hypotheses[:1] + faults).advance(taken) if faults else e
     settled = e.active & (e.t > verdict.start_s + SETTLED_S)
     means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
     friction = friction_in_spreads(verdict, nominal)
-    return Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction)
+    return Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction, nats_of(told) - nats_of(e))
 
 
 def shared(outcome: Outcome, event: Event, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:
