@@ -110,3 +110,15 @@ def test_the_python_of_the_pages_runs(tmp_path: Path, monkeypatch: pytest.Monkey
             assert "found" not in code or names["found"].verdict.label == "overload"
             ran += 1
     assert ran == 4 and (tmp_path / "verdict.png").is_file()
+
+
+def test_the_demo_prints_what_the_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    said = [line for line in readme if line.endswith("/report.html") and ": " in line]
+    logs = sorted((ROOT / "data").glob("*.csv.gz"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["diagnose", *map(str, logs), "--out", "reports/demo"]) == 0
+    assert len(said) == len(logs)
+    assert capsys.readouterr().out.splitlines() == said
