@@ -92,7 +92,8 @@ def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
 
     How a sensor fails, or a jam grows, is no part of its model. A resistance that grows with the travel of a mass which follows
     the motor whole is a jam as well as a spring, until the mass turns back. A failed sensor and a slip look alike at one speed:
-    where it explains what it believes better than the slip all channels, less than that share of what is gained says nothing.
+    where one of them is the best, and the sensor's explains what it believes better than the slip all channels, less than that
+    share of what is gained says nothing.
     """
     best = _best_of(stories)
     nats = {NOMINAL: 0.0} | {label: worth(story) for label, story in best.items()}
@@ -101,7 +102,8 @@ def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
         nats |= {"jam": top, "overload": top}
     for label in OF_SENSORS & best.keys():
         slip = best.get("slip")
-        if slip is not None and _misfit(best[label].path) < FINER * _misfit(slip.path):
+        first = slip is not None and top in (nats[label], nats["slip"])
+        if slip is not None and first and _misfit(best[label].path) < FINER * _misfit(slip.path):
             nats |= {k: top for k in (label, "slip") if top - nats[k] < AT_WILL * top}
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())

@@ -42,7 +42,8 @@ DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
 # before it shows.
 BRAKES, BRAKED_S = 0.3, 0.03
 CHANGED = 3.0  # standard deviations
-SAME_CURRENT = 0.01  # relative: of 24 frozen positions none changed it by more, of 20 lost couplings none by less than 0.06
+# Relative: of 24 frozen positions none changed it by more, of 20 lost couplings none by less than the other.
+SAME_CURRENT, LEAST_LOST = 0.01, 0.06
 STANDS = 0.03  # of the speed before: a mass that is slower stands
 RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
 
@@ -176,14 +177,16 @@ def _or_misread(event: Event, alike: float) -> Event:
 
 
 def or_frozen(event: Event, bank: Bank) -> Event:
-    """A coupling loss or, as likely, a position that froze, where the steady current stays what it was.
+    """A coupling loss or, as likely, a position that froze, where the steady current is seen to stay what it was.
 
-    What the motor feels is then what it felt with the mass, by chance or because it still has it.
+    What the motor feels is then what it felt with the mass, by chance or because it still has it. A current too noisy to show what
+    a lost mass leaves says nothing.
     """
     if event.label != "coupling_loss" or "sensor_fault" in event.alike:
         return event
     seen = _around(event, bank)
-    if seen.change is None or abs(seen.change) > SAME_CURRENT + CHANGED * seen.noise:
+    same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
+    if not same or CHANGED * seen.noise > LEAST_LOST:
         return event
     posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "sensor_fault"), 0.5)
     return event._replace(
@@ -409,7 +412,8 @@ def _around(event: Event, bank: Bank) -> _Around:
         return _Around(None, 0.0, None)
     left = np.flatnonzero((since > 0.0) & (i * math.copysign(1.0, before[0]) < BRAKES * abs(before[0])))
     most = AFTER_S[1] + longer
-    until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, event.end_s - onset)
+    lasts = (event.end_s if event.over_s is None else event.over_s) - onset
+    until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, lasts)
     later = (since > AFTER_S[0]) & (since < until)
     speeds = slope_of(recent.t[earlier], recent.z[earlier, 2]), slope_of(recent.t[later], recent.z[later, 2])
     pace = None if not speeds[0] or speeds[1] is None else speeds[1] / speeds[0]
