@@ -11,7 +11,7 @@ import numpy as np
 from observer_fi.bank import Bank, LogSamples
 from observer_fi.numerics import with_unit
 from observer_fi.physics import NOMINAL, Rig
-from observer_fi.records import Estimate, Event
+from observer_fi.records import Array, Estimate, Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.drift import STOP_S, or_healthy
 from observer_fi.verdict.moves.of_the_day import LEAST
@@ -24,7 +24,8 @@ MOST = 0.5  # relative: what lies beyond is another unit, or a mass that was los
 
 
 def or_another_gain(event: Event, bank: Bank, rig: Rig, settings: Settings, found: Explained | None) -> Event:
-    """The event, shared with health where another gain of the position explains the whole move as well.
+    """The event, shared with health where another gain of the position explains the whole move as well, and what was before the
+    event's onset no worse than the rig file's.
 
     event: the first of a log; bank: with the move's samples at hand; found: the best story of the move.
     """
@@ -38,16 +39,25 @@ def or_another_gain(event: Event, bank: Bank, rig: Rig, settings: Settings, foun
     as_read = _nats(nominal.again(samples, memory))
     z, rest = samples.z.copy(), float(memory.x[POSITION])
     z[:, POSITION] = rest + (z[:, POSITION] - rest) / gain
-    read = int(np.isfinite(z[1:, POSITION]).sum())
-    nats = _nats(nominal.again(samples._replace(z=z), memory)) - read * math.log(gain)
-    story = found.gain if found is not None else _nats(Bank(rig, settings.bank).again(*window)) - as_read
-    return _shared(event, gain) if nats - as_read > story - settings.decision.move_nats else event
+    of_a_reading = np.where(np.isfinite(z[1:, POSITION]), math.log(gain), 0.0)
+    gains = _nats(nominal.again(samples._replace(z=z), memory)) - of_a_reading - as_read
+    least = -settings.decision.move_nats
+    onset = samples.t[0] if event.onset_s is None else event.onset_s
+    from_the_first = float(gains[samples.t[1:] < onset].sum()) > least
+    if not from_the_first:
+        return event
+    story = (
+        found.gain
+        if found is not None
+        else float((_nats(Bank(rig, settings.bank).again(*window)) - as_read).sum())
+    )
+    return _shared(event, gain) if float(gains.sum()) > story + least else event
 
 
-def _nats(e: Estimate) -> float:
-    """Log-likelihood of the readings of a move and of its stop: each sample's densities by the probabilities before it."""
+def _nats(e: Estimate) -> Array:
+    """(n - 1,) log-likelihoods of the readings of a move and of its stop: densities by the probabilities before them."""
     before = np.log(np.maximum(e.probability[:-1], LEAST))
-    return float(np.logaddexp.reduce(before + e.density[1:], axis=1).sum())
+    return np.logaddexp.reduce(before + e.density[1:], axis=1)
 
 
 def _gain(samples: LogSamples, rest: float, lead: float) -> float | None:
