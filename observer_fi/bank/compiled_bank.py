@@ -46,6 +46,7 @@ from observer_fi.records import Array, Estimate, Log
 from observer_fi.settings import BankSettings
 
 BLOCK = 1600  # samples between two snapshots: a call of the kernel costs as much as fifty samples
+LITTLE = 0.1  # of the friction's current: as much comes and goes in steady motion
 TAIL_S = 3.0  # of the chunk before, kept so that an onset can be looked for across a boundary
 
 
@@ -412,8 +413,13 @@ def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
 
 
 def soft_stop(rig: Rig) -> float:
-    """Deceleration at which friction alone brakes the rig [rad/s^2]: a command that slows no faster is driven to its end."""
-    return rig.model["A"] / rig.model["J"]
+    """Deceleration at which friction alone brakes the rig [rad/s^2]: a command that slows no faster is driven to its end.
+
+    A servo that is not known slows its motor as it likes: where its command is logged, what takes `LITTLE` of the current is
+    driven.
+    """
+    tells = rig.watched.servo or rig.driven.command is not None
+    return rig.model["A"] / rig.model["J"] * (1.0 if tells else LITTLE)
 
 
 def under_way(interval: Array, w_cmd: Array, t: Array, before: float, soft: float) -> NDArray[np.bool_]:

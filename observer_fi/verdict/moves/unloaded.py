@@ -179,8 +179,8 @@ def _or_misread(event: Event, alike: float) -> Event:
 def or_frozen(event: Event, bank: Bank) -> Event:
     """A coupling loss or, as likely, a position that froze, where the steady current is seen to stay what it was.
 
-    What the motor feels is then what it felt with the mass, by chance or because it still has it. A current too noisy to show what
-    a lost mass leaves says nothing.
+    What the motor feels is then what it felt with the mass, by chance or because it still has it. A current too noisy to show
+    what a lost mass leaves says nothing.
     """
     if event.label != "coupling_loss" or "sensor_fault" in event.alike:
         return event
