@@ -74,10 +74,11 @@ class Naming:
     def told_by(self, paths: Sequence[Path], whole: WholeMove, event: Event) -> list[Story]:
         """What paths may be called, where the best of all is one that fits: what is worse has no say, whatever it is called.
 
-        A load and a slip at will fit everything: no verdict that the bank is sure of gives way to them.
+        A load and a slip at will fit everything: no verdict that the bank is sure of gives way to them, nor does any name where
+        even they do not fit.
         """
         sure = event.label not in (NOMINAL, UNKNOWN)
-        paths = paths if sure else self._seen_to_begin(paths, whole, event)
+        paths = _as_far_as_it_fits(paths if sure else self._seen_to_begin(paths, whole, event), whole)
         if not paths or not any(self._fits(path, whole, event) for path in _as_good(paths)):
             return []
         if sure and paths[0].hypothesis.label == UNKNOWN:
@@ -362,6 +363,14 @@ def _stands_under_load(path: Path) -> bool:
         return False
     (lost, std), (stiff, doubt) = constant(path, own["E"]), constant(path, own["C"])
     return lost > 1.0 - BELIEVABLE * std and stiff > BELIEVABLE * doubt
+
+
+def _as_far_as_it_fits(paths: Sequence[Path], whole: WholeMove) -> Sequence[Path]:
+    """The paths without those of a load at will where that does not fit and a fault with a name explains as good as all of it."""
+    named = [path for path in paths if path.hypothesis.label != UNKNOWN]
+    if not named or named[0] is paths[0] or paths[0].nis <= FITS * whole.expected(paths[0].hypothesis):
+        return paths
+    return named if named[0].gain >= NEARLY * paths[0].gain else paths
 
 
 def _named_first(stories: list[Story], whole: WholeMove) -> list[Story]:
