@@ -396,7 +396,8 @@ def _grown(pieces: list[tuple[Array, Array]], step: float | None) -> float:
     """By what the noise of the last rest is more than that of the first, where it is of the same kind: another range.
 
     A drift, a stuck sensor or a burst of noise many times the usual is no range that was switched, nor is a level between
-    two steps of the readings, where they change by half a step either way.
+    two steps of the readings, where they change by half a step either way. A line that the first rest has not is one: something
+    beside the logger was switched on.
     """
     (_, first), (_, last) = pieces[0], pieces[-1]
     if min(first.size, last.size) < FEWEST_GROWN or not np.diff(first).any() or not np.diff(last).any():
@@ -410,7 +411,17 @@ def _grown(pieces: list[tuple[Array, Array]], step: float | None) -> float:
     doubt = math.sqrt(0.5 / first.size + 0.5 / last.size)  # relative, of either
     same_kind = abs(neighbours / all_of_it - 1.0) < SAME_KIND + doubt
     least = SWITCHED[0] * (1.0 + SURELY * (doubt - USUAL_DOUBT)) if doubt > USUAL_DOUBT else SWITCHED[0]
-    return neighbours if same_kind and least < neighbours < SWITCHED[1] else 1.0
+    grown = neighbours if same_kind else _by_lines(pieces)
+    return grown if least < grown < SWITCHED[1] else 1.0
+
+
+def _by_lines(pieces: list[tuple[Array, Array]]) -> float:
+    """By what the lines of the last rest, if the first has none and the last nothing else that is new, add to the noise."""
+    (lines, left), (_, first) = lines_of(pieces[-1:]), pieces[0]
+    usual = float(first.std())
+    if not lines or lines_of(pieces[:1])[0] or float(left[0][1].std()) > ALIKE * usual:
+        return 1.0
+    return math.hypot(usual, *(line.amplitude for line in lines)) / usual
 
 
 def _white(z: Array) -> float:

@@ -443,6 +443,20 @@ def test_another_range_is_no_motor_that_settles() -> None:
         assert 4.0 < read(z[:, 1], 1, t).grown < 8.0, seed
 
 
+@pytest.mark.parametrize(("hz", "sigmas"), [(50.0, 5.0), (60.0, 4.0), (137.0, 6.0)])
+def test_hum_that_begins_midway_is_noise_and_a_drift_is_none(hz: float, sigmas: float) -> None:
+    """Something beside the logger is switched on: every sample counts as if it were there from the first one on."""
+    t = clock(2.4)
+    for seed in range(8):
+        noise = white(t, seed)[:, 1]
+        sigma, late = float(noise.std()), t > 1.2
+        hum = np.where(late, sigmas * sigma * np.sin(2.0 * np.pi * hz * t + seed), 0.0)
+        found = read(clean(t)[:, 1] + noise + hum, 1, t)
+        assert found.grown == pytest.approx(np.hypot(1.0, sigmas), rel=0.15), seed
+        drift = np.where(late, sigmas * sigma * (t - 1.2), 0.0)
+        assert read(clean(t)[:, 1] + noise + drift, 1, t).grown == 1.0, seed
+
+
 @pytest.mark.parametrize(("rate", "seconds"), [(100.0, 3.0), (1600.0, 2.4)])
 def test_another_range_of_a_held_reading_is_told(rate: float, seconds: float) -> None:
     """From 36 to 70 fresh readings a rest; none is told of the same logger without it."""
