@@ -16,7 +16,15 @@ from observer_fi.logs import quarter_of_a_ring
 from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig, channel_of
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import STOP_S, SURE, friction_in_spreads, jammed_before, mostly, or_else
+from observer_fi.verdict.drift import (
+    STOP_S,
+    SURE,
+    friction_in_spreads,
+    jammed_before,
+    mostly,
+    or_as_well,
+    or_else,
+)
 from observer_fi.verdict.drive_off import may_be_off
 from observer_fi.verdict.isolate import OF_THE_REST, healthy
 from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
@@ -288,15 +296,8 @@ def _or_the_banks(told: Event, event: Event, paths: Sequence[Path], best: Story)
     known = event.label not in (NOMINAL, UNKNOWN, told.label, *told.alike)
     if not known or not any(p.hypothesis.label == event.label and p.gain >= best.gain for p in paths):
         return told
-    posterior = dict.fromkeys(told.posterior, 0.0) | {told.label: 0.5, event.label: 0.5}
     why = f"of {FAULTS[event.label].title.lower()}, which explains this move better, the constants are not believable"
-    return told._replace(
-        probability=0.5,
-        posterior=posterior,
-        alike=(*told.alike, event.label),
-        isolated_s=None,
-        reasons=(*told.reasons, why),
-    )
+    return or_as_well(told, event.label, why)
 
 
 def _fits_as(event: Event, paths: Sequence[Path], stories: Sequence[Story], whole: WholeMove) -> bool:

@@ -106,11 +106,7 @@ def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
         f"at {digits(rate_hz)} samples/s (of {SURE_HZ:.0f}) an obstacle that stops the motor between two of them looks like "
         "no fault with a name"
     )
-    posterior = dict.fromkeys(event.posterior, 0.0) | {UNKNOWN: 0.5, "overload": 0.5}
-    alike = tuple(dict.fromkeys((*event.alike, "overload")))
-    return event._replace(
-        probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, why)
-    )
+    return or_as_well(event, "overload", why)
 
 
 def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:

@@ -16,7 +16,7 @@ from observer_fi.bank import Bank, HypothesisState
 from observer_fi.numerics import digits
 from observer_fi.physics import PARAMETERS, UNKNOWN, Rig
 from observer_fi.records import Array, Event, Severity
-from observer_fi.verdict.drift import STOP_S, SURE, Z95, mostly
+from observer_fi.verdict.drift import STOP_S, SURE, Z95, mostly, or_as_well
 from observer_fi.verdict.isolate import shown_by_rest
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.moves.whole_move import SETTLED_S, STRIDE, WholeMove
@@ -119,10 +119,8 @@ def _of_a_stop(event: Event, bank: Bank) -> Event:
     if not rings and abs(_contradiction(before, after, bank.rig)) > Z_REST:
         return event
     seen = "voltage and current ring on" if rings else "voltage and current agree again"
-    return _or_unknown(
-        event,
-        f"only the stop shows it, and in the rest behind that {seen}: a changed inertia or gain looks the same",
-    )
+    why = f"only the stop shows it, and in the rest behind that {seen}: a changed inertia or gain looks the same"
+    return or_as_well(event, UNKNOWN, why)
 
 
 def _rests(event: Event, bank: Bank) -> tuple[Array, Array] | None:
@@ -147,15 +145,6 @@ def _contradiction(before: Array, after: Array, rig: Rig) -> float:
     return more / (noise * math.sqrt(1.0 / len(before) + 1.0 / len(after)))
 
 
-def _or_unknown(event: Event, why: str) -> Event:
-    """The event, or as well a fault that is none of these; why: a reason to tell."""
-    posterior = dict.fromkeys(event.posterior, 0.0) | {event.label: 0.5, UNKNOWN: 0.5}
-    alike = tuple(dict.fromkeys((*event.alike, UNKNOWN)))
-    return event._replace(
-        probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, why)
-    )
-
-
 def _decided(event: Event, name: str, law: Fit, sensor: Fit, none: float, word: LastWord) -> Event:
     """The event by the better one of two fits; none: nats of no law."""
     margin, scale = word.settings.move_nats, max(1.0, min(law.usual, sensor.usual))
@@ -174,7 +163,7 @@ def _decided(event: Event, name: str, law: Fit, sensor: Fit, none: float, word: 
             severity=(size,), reasons=(why,),
         )  # fmt: skip
     why = f"if {size.words}, this move reads the same: a start, a stop or a reversal behind it tells"
-    return _or_unknown(event, why)
+    return or_as_well(event, UNKNOWN, why)
 
 
 def _possible(name: str, law: Fit, word: LastWord) -> bool:

@@ -11,6 +11,7 @@ from observer_fi.bank import Bank
 from observer_fi.logs import position_speed
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig
 from observer_fi.records import CHANNELS, Array, Event
+from observer_fi.verdict.drift import or_as_well
 from observer_fi.verdict.stuck import of_dead_sensor, stuck_since
 
 Mask = NDArray[np.bool_]
@@ -188,10 +189,7 @@ def or_frozen(event: Event, bank: Bank) -> Event:
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
     if not same or CHANGED * seen.noise > LEAST_LOST:
         return event
-    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "sensor_fault"), 0.5)
-    return event._replace(
-        probability=0.5, posterior=posterior, alike=("sensor_fault",), reasons=(_SAME_CURRENT,)
-    )
+    return or_as_well(event, "sensor_fault", _SAME_CURRENT)
 
 
 def or_let_go(event: Event, bank: Bank) -> Event:
@@ -203,13 +201,7 @@ def or_let_go(event: Event, bank: Bank) -> Event:
         return event
     seen = _around(event, bank)
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
-    if same or seen.stands is False:
-        return event
-    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((event.label, "coupling_loss"), 0.5)
-    alike = (*event.alike, "coupling_loss")
-    return event._replace(
-        probability=0.5, posterior=posterior, alike=alike, isolated_s=None, reasons=(*event.reasons, _BETWEEN)
-    )
+    return event if same or seen.stands is False else or_as_well(event, "coupling_loss", _BETWEEN)
 
 
 def or_left_behind(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
