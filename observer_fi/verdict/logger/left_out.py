@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer_fi.bank import Bank
+from observer_fi.bank import Bank, Hypothesis
 from observer_fi.logs import CHUNK_ROWS, log_segments, suspect_units
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig, commanded, label_of
 from observer_fi.records import CHANNELS, Array, Event, Log, Outcome
@@ -150,15 +150,18 @@ def healthy_without(log: Log, channel: str, verdict: Event, rig: Rig, settings: 
     taken = known.take(log)
     hypotheses = Bank(known.rig, known.settings).hypotheses
     nominal = Bank(known.rig, known.settings, hypotheses=hypotheses[:1])
-    e = nominal.advance(taken)
-    row = FAULTS.get(verdict.label)
-    own = row is not None and not row.by_channel and verdict.label not in (NOMINAL, UNKNOWN)
-    faults = tuple(h for h in hypotheses[1:] if own and label_of(h.name) == verdict.label)
-    told = Bank(known.rig, known.settings, hypotheses=hypotheses[:1] + faults).advance(taken) if faults else e
+    e, own = nominal.advance(taken), hypotheses[:1] + _of_the_actuator(hypotheses, verdict.label)
+    told = Bank(known.rig, known.settings, hypotheses=own).advance(taken) if len(own) > 1 else e
     settled = e.active & (e.t > verdict.start_s + SETTLED_S)
     means = largest_means(e.normalised[settled], 1.0 / log.rate_hz, slice(0, len(CHANNELS)))
     friction = friction_in_spreads(verdict, nominal)
     return Healthy(told_by(e, taken.z).misfit, e.t[settled], means, friction, nats_of(told) - nats_of(e))
+
+
+def _of_the_actuator(hypotheses: tuple[Hypothesis, ...], label: str) -> tuple[Hypothesis, ...]:
+    """Those of a label, none where that is health, a sensor's, or none of the named."""
+    named = label in FAULTS and not FAULTS[label].by_channel and label not in (NOMINAL, UNKNOWN)
+    return tuple(h for h in hypotheses if named and label_of(h.name) == label)
 
 
 def shared(outcome: Outcome, event: Event, doubted: Callable[[Event], Event], rig: Rig) -> Outcome:

@@ -43,15 +43,14 @@ def or_another_gain(event: Event, bank: Bank, rig: Rig, settings: Settings, foun
     gains = _nats(nominal.again(samples._replace(z=z), memory)) - of_a_reading - as_read
     least = -settings.decision.move_nats
     onset = samples.t[0] if event.onset_s is None else event.onset_s
-    from_the_first = float(gains[samples.t[1:] < onset].sum()) > least
-    if not from_the_first:
+    if gains[samples.t[1:] < onset].sum() <= least:
         return event
     story = (
         found.gain
         if found is not None
-        else float((_nats(Bank(rig, settings.bank).again(*window)) - as_read).sum())
+        else _nats(Bank(rig, settings.bank).again(*window)).sum() - as_read.sum()
     )
-    return _shared(event, gain) if float(gains.sum()) > story + least else event
+    return _shared(event, gain) if gains.sum() > story + least else event
 
 
 def _nats(e: Estimate) -> Array:

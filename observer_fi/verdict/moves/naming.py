@@ -57,10 +57,7 @@ JUMPING_S = (
     0.05  # about a jump of the pitch between two samples: when between them the load came, nobody knows
 )
 NONE_AT_ZERO = {"torque", "rate", "C", "E"}  # sizes that a fault without any has
-ALL_OF_IT = {
-    "A_decoupled": "A",
-    "J_decoupled": "J",
-}  # of what is left without the mass, what there is with it
+ALL_OF_IT = {"A_decoupled": "A", "J_decoupled": "J"}  # of what a motor has without its mass, what with it
 ELECTRICAL, AS_MUCH = {"voltage", "current"}, 0.8  # of what the failure of one explains, that of the other
 BLIND = 1e-3  # probability from which a lost coupling is as good as a frozen position
 
@@ -226,9 +223,11 @@ class Naming:
         value *= whole.against(path) if own.of_friction else 1.0
         if path.hypothesis.label == "jam" and own.of_friction and value <= 0.0:
             return False
-        high = own.high
-        if own.name in ALL_OF_IT:  # the rig file's share is a guess: no more than all is left
-            high = max(high, path.hypothesis.model[ALL_OF_IT[own.name]] / path.hypothesis.model[own.name])
+        high, model = own.high, path.hypothesis.model
+        if (
+            own.name in ALL_OF_IT and model[own.name]
+        ):  # the rig file's share is a guess: no more than all is left
+            high = max(high, model[ALL_OF_IT[own.name]] / model[own.name])
         if own.name == "A_decoupled":  # a share of the friction that the rig has on that day
             value /= max(whole.friction(path.begin), 1.0)
         return own.low - BELIEVABLE * std <= value <= high + BELIEVABLE * std
