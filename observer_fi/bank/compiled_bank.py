@@ -415,11 +415,10 @@ def in_one_piece(*shapes: tuple[int, ...]) -> list[Array]:
 def soft_stop(rig: Rig) -> float:
     """Deceleration at which friction alone brakes the rig [rad/s^2]: a command that slows no faster is driven to its end.
 
-    A servo that is not known slows its motor as it likes: where its command is logged, what takes `LITTLE` of the current is
-    driven.
+    A speed servo that is not known slows its motor as it likes: what takes `LITTLE` of the current is driven.
     """
-    tells = rig.watched.servo or rig.driven.command is not None
-    return rig.model["A"] / rig.model["J"] * (1.0 if tells else LITTLE)
+    guessed = rig.driven.servo and rig.driven.command is None and not rig.watched.servo
+    return rig.model["A"] / rig.model["J"] * (LITTLE if guessed else 1.0)
 
 
 def under_way(interval: Array, w_cmd: Array, t: Array, before: float, soft: float) -> NDArray[np.bool_]:

@@ -92,7 +92,7 @@ def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
 
     How a sensor fails, or a jam grows, is no part of its model. A resistance that grows with the travel of a mass which follows
     the motor whole is a jam as well as a spring, until the mass turns back. A failed sensor and a slip look alike at one speed:
-    where one of them is the best, and the sensor's explains what it believes better than the slip all channels, less than that
+    where the sensor explains what it believes better than the slip all channels, and next to as much as the best, less than that
     share of what is gained says nothing.
     """
     best = _best_of(stories)
@@ -102,9 +102,9 @@ def posterior_of(event: Event, stories: Sequence[Story]) -> dict[str, float]:
         nats |= {"jam": top, "overload": top}
     for label in OF_SENSORS & best.keys():
         slip = best.get("slip")
-        first = slip is not None and top in (nats[label], nats["slip"])
-        if slip is not None and first and _misfit(best[label].path) < FINER * _misfit(slip.path):
-            nats |= {k: top for k in (label, "slip") if top - nats[k] < AT_WILL * top}
+        near = {k: top for k in (label, "slip") if k in nats and top - nats[k] < AT_WILL * top}
+        if slip is not None and label in near and _misfit(best[label].path) < FINER * _misfit(slip.path):
+            nats |= near
     weights = {label: math.exp(nats.get(label, -math.inf) - top) for label in event.posterior}
     total = sum(weights.values())
     return {label: weight / total for label, weight in weights.items()}

@@ -185,7 +185,8 @@ def or_frozen(event: Event, bank: Bank) -> Event:
     """
     if event.label != "coupling_loss" or "sensor_fault" in event.alike:
         return event
-    seen = _around(event, bank)
+    lasts = event.end_s if event.over_s is None else event.over_s
+    seen = _around(event._replace(end_s=lasts), bank)
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
     if not same or CHANGED * seen.noise > LEAST_LOST:
         return event
@@ -404,8 +405,7 @@ def _around(event: Event, bank: Bank) -> _Around:
         return _Around(None, 0.0, None)
     left = np.flatnonzero((since > 0.0) & (i * math.copysign(1.0, before[0]) < BRAKES * abs(before[0])))
     most = AFTER_S[1] + longer
-    lasts = (event.end_s if event.over_s is None else event.over_s) - onset
-    until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, lasts)
+    until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, event.end_s - onset)
     later = (since > AFTER_S[0]) & (since < until)
     speeds = slope_of(recent.t[earlier], recent.z[earlier, 2]), slope_of(recent.t[later], recent.z[later, 2])
     pace = None if not speeds[0] or speeds[1] is None else speeds[1] / speeds[0]
