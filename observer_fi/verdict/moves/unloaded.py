@@ -43,7 +43,8 @@ DOUBLE = 2.0  # neighbours of a sampled current say half of what they say alone
 # before it shows.
 BRAKES, BRAKED_S = 0.3, 0.03
 CHANGED = 3.0  # standard deviations
-# Relative: of 24 frozen positions none changed it by more, of 20 lost couplings none by less than the other.
+# Relative change of the steady current: of 24 frozen positions none had more than the first, of 20 lost couplings none less than
+# the second.
 SAME_CURRENT, LEAST_LOST = 0.01, 0.06
 STANDS = 0.03  # of the speed before: a mass that is slower stands
 RISEN = 1.0, 1.0  # change of the current at an obstacle that takes all the travel, relative, and its 1 sigma
