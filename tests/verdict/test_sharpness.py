@@ -40,25 +40,26 @@ def lost() -> Any:
     )
 
 
-def driven(current: Callable[[Any], Any], noise: float) -> Any:
+def driven(current: Callable[[Any], Any], noise: float, rate_hz: float = 1000.0) -> Any:
     """A bank that has seen a current of so much [A] over time, and a position that stands from 2 s on."""
-    t = np.arange(0.0, 4.0, 1e-3)
+    t = np.arange(0.0, 4.0, 1.0 / rate_hz)
     z = np.full((t.size, 3), np.nan)
     z[:, 1] = current(t) + noise * np.random.default_rng(5).standard_normal(t.size)
     z[:, 2] = 1e-3 * np.minimum(t, 2.0)
     return SimpleNamespace(recent=SimpleNamespace(t=t, z=z, active=np.ones(t.size, dtype=bool)))
 
 
-@pytest.mark.parametrize(("noise", "probability"), [(1e-4, 0.5), (0.02, 1.0)])
+@pytest.mark.parametrize(("noise", "probability"), [(1e-4, 0.5), (3e-3, 1.0)])
 def test_a_current_must_be_seen_to_stay_to_speak_for_a_frozen_position(
     noise: float, probability: float
 ) -> None:
-    assert or_frozen(lost(), driven(lambda t: np.full_like(t, 0.02), noise)).probability == probability
+    bank = driven(lambda t: np.full_like(t, 0.02), noise, rate_hz=100.0)
+    assert or_frozen(lost(), bank).probability == probability
 
 
 def test_what_the_current_does_once_a_coupling_has_caught_again_says_nothing_of_its_loss() -> None:
-    bank = driven(lambda t: np.where((t > 2.0) & (t < 2.15), 0.016, 0.02), 1e-4)
-    assert or_frozen(lost()._replace(over_s=2.15), bank).probability == 1.0
+    bank = driven(lambda t: np.where((t > 2.0) & (t < 2.1), 0.016, 0.02), 1e-4)
+    assert or_frozen(lost()._replace(over_s=2.1), bank).probability == 1.0
 
 
 @pytest.mark.parametrize(("of_all", "believable"), [(0.5, True), (0.97, True), (1.2, False)])
@@ -128,9 +129,9 @@ def test_a_coupling_that_lets_go_for_a_while_is_sure_where_the_current_shows_it(
     told = []
     for seed in range(71_700_000, 71_700_008):
         spec = draw_severity_case(seed, "coupling_for_a_while")
-        before, move = spec.rig.A, spec.profile.moves[0]
-        onset, end = spec.fault.onset_s, spec.fault.duration_s
-        shows = abs(spec.rig.A_loose / before - 1.0) > 0.15 and onset is not None and end > 0.1
-        if shows and onset - move.start_s > 0.5:
-            told.append(said(spec, "missing_rows", seed))
+        onset, move = spec.fault.onset_s, spec.profile.moves[0]
+        shows = abs(spec.rig.A_loose / spec.rig.A - 1.0) > 0.15
+        if shows and onset is not None and onset - move.start_s > 0.5:
+            short = replace(spec, fault=replace(spec.fault, duration_s=0.1))
+            told.append(said(short, "missing_rows", seed))
     assert told and sum(v.label == "coupling_loss" and v.probability > SURE for v in told) >= len(told) - 1
