@@ -18,6 +18,7 @@ STOP_S = 0.5  # of the stop and the rest after a move belong to it: a mass that 
 SURE, Z95 = 0.95, 1.959964
 # Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
 COMES_AND_GOES = 0.25
+EVERYDAY = 0.08  # of the friction: a rise that is smaller, and no better explained than a usual day, is one
 UNUSUAL = 3.3  # standard deviations of the spread of rigs: one healthy one in 2000 has as high a friction
 CHANNELS = slice(
     1, 3
@@ -27,6 +28,11 @@ CHANNELS = slice(
 def usual_rise(rig: Rig) -> float:
     """Relative rise of the friction that is none of its faults: half of what it has from one day to the next [1]."""
     return 0.5 * rig.spread("A")
+
+
+def of_every_day(event: Event) -> bool:
+    """Whether a friction has risen, or fallen, by no more than it does on a usual day."""
+    return all(abs(s.value) < EVERYDAY for s in event.severity if s.name == "friction_rise")
 
 
 class Drift:

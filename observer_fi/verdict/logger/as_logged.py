@@ -13,9 +13,7 @@ import numpy as np
 
 from observer_fi.bank import between_samples, repeat_share
 from observer_fi.logs import (
-    OFF_ZERO,
     SHORTEST_REST,
-    STANDING,
     Hum,
     LowPasses,
     Mean,
@@ -29,12 +27,12 @@ from observer_fi.logs import (
     means_of,
     with_low_passes,
 )
-from observer_fi.numerics import in_python
-from observer_fi.physics import Rig, equations
-from observer_fi.records import Acquisition, Array, ChannelTraits, Log
+from observer_fi.physics import Rig
+from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
+from observer_fi.verdict.logger.offset import as_in_motion, electrical_offset
 from observer_fi.verdict.logger.winding import inductance_at_start
 from observer_fi.verdict.logger.zero_current import with_zero, zero_current
 from observer_fi.verdict.moves.of_the_day import LOOKED_AT, Day, FirstStart, Told
@@ -129,7 +127,8 @@ class AsLogged:
         self._begin_inputs(rig)
         log = self._inputs(log)
         measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
-        self.acquisition = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
+        known = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
+        self.acquisition = as_in_motion(known, log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
@@ -296,26 +295,3 @@ def _commanded(a: Acquisition, log: Log, rig: Rig) -> Acquisition:
     if not moved.size or a.position.travel == 0.0:
         return a
     return a._replace(position=a.position._replace(travel=max(a.position.travel, float(np.ptp(moved)))))
-
-
-def electrical_offset(a: Acquisition, rig: Rig, gain: float = 1.0, least: float = OFF_ZERO) -> float:
-    """Zero offset of the voltage against the current [V]: at rest equation 16 leaves their resistance only.
-
-    Of two offsets only this sum shows in the motor's voltage balance; what is left of the current's is like friction.
-    gain: of the voltage's readings, which are divided by it; least: of the noise of a reading, below which it is 0.
-    """
-    if not rig.driven.motor:
-        return 0.0
-    model = rig.model
-    current = (a.current.offset - model["current_offset"]) / model["current_gain"]
-    expected = in_python(equations.terminal_voltage)(current, 0.0, 0.0, model.vector)
-    off = float(a.voltage.offset / gain - expected - model["voltage_offset"])
-    noise = math.hypot(a.voltage.as_white, model["Rm"] * a.current.as_white)
-    rounded = _rounding(a.voltage) + model["Rm"] * _rounding(a.current)
-    return off if math.isfinite(off) and abs(off) > max(least * noise, rounded) else 0.0
-
-
-def _rounding(channel: ChannelTraits) -> float:
-    """By how much the mean of readings that stand still may be off, half their step; 0 where noise takes them over the steps."""
-    step = channel.resolution or 0.0
-    return 0.5 * step if step > STANDING * channel.noise_std else 0.0

@@ -6,6 +6,8 @@ nor a sensor at the end of its range shows in their innovations. The noise itsel
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
 from observer_fi.logs import SWITCHED, NoiseChange, noise_change
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOMINAL, Rig
@@ -38,16 +40,21 @@ def or_a_changed_noise(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> 
 
 
 def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]:
-    """Channels whose noise changes, of those whose readings are neither in coarse steps nor held."""
+    """Channels whose noise changes, of those whose readings are not in coarse steps; held ones count once."""
     for c, name in enumerate(CHANNELS):
-        change = noise_change(log.t, log.z[:, c], log.w_cmd) if _shows_noise(getattr(logger, name)) else None
+        traits, z = getattr(logger, name), log.z[:, c]
+        if not _shows_noise(traits):
+            continue
+        new = np.diff(z, prepend=np.nan) != 0.0 if traits.update_hz else np.ones(z.size, bool)
+        change = noise_change(log.t[new], z[new], log.w_cmd[new])
         if change is not None:
             yield name, change
 
 
 def _shows_noise(traits: ChannelTraits) -> bool:
     coarse = traits.resolution is not None and traits.resolution > traits.noise_std
-    return not coarse and traits.update_hz is None and traits.hold_s is None and traits.read > ALL_READ
+    held = traits.hold_s is not None and traits.update_hz is None
+    return not coarse and not held and traits.read > ALL_READ
 
 
 def _failed(event: Event, name: str, change: NoiseChange) -> Event:

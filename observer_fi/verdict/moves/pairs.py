@@ -12,6 +12,7 @@ import numpy as np
 from observer_fi.physics import NOMINAL, UNKNOWN
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
+from observer_fi.verdict.drift import of_every_day
 from observer_fi.verdict.moves.naming import Naming
 from observer_fi.verdict.moves.second_fault import MISFIT, SUSPECT, WINDOW_S, behind, lasted, until
 from observer_fi.verdict.moves.stories import Story, in_order, takes_up_any_load, worth
@@ -65,7 +66,7 @@ class Pairs:
         if tried and tried[0].end is not None:  # it seems over where another one takes its place
             before.insert(0, tried[0].end - STRIDE)
         found = self._behind(tried, before, stories, event, whole)
-        at_will = named or (found is not None and found.event.then[0].label == UNKNOWN)
+        at_will = named or (found is not None and (found.event, *found.event.then)[-1].label == UNKNOWN)
         least = -math.inf if not stories else stories[0].gain + more if at_will else worth(stories[0])
         return found if found and found.explained.gain >= least else None
 
@@ -101,7 +102,10 @@ class Pairs:
         return at_once[0] if at_once and not one else None
 
     def _pair(self, event: Event, whole: WholeMove, stop: int, again: bool = True) -> Pair | None:
-        """The event with the fault that explains the move as far as a sample, and another behind it; None without either."""
+        """The event with the fault that explains the move as far as a sample, and another behind it; None without either.
+
+        A friction that has only risen as it does on any day is no first fault: the one behind it is told.
+        """
         shorter = until(whole, stop)
         if shorter is None:
             return None
@@ -120,7 +124,7 @@ class Pairs:
         if second is None:
             return None
         later = second[0]._replace(start_s=event.start_s)
-        both = told._replace(then=(_stands_in_a_jam(later) if told.label == "jam" else later,))
+        both = later if told.label == "jam" and of_every_day(told) else _with(told, later)
         behind_it = rest.in_motion() - rest.in_motion(max(shorter.n - held.since, 0))
         nats = shorter.in_motion() + path.gain + behind_it + second[1].gain
         pair = Pair(both, Explained(nats, nats - whole.in_motion()))
@@ -140,12 +144,13 @@ class Pairs:
 def _together(pair: Event) -> bool:
     """Whether two faults of a move begin at one time."""
     begins = [event.onset_s for event in (pair, *pair.then) if event.onset_s is not None]
-    return float(np.ptp(begins)) < TOGETHER_S
+    return len(begins) > 1 and float(np.ptp(begins)) < TOGETHER_S
 
 
-def _stands_in_a_jam(later: Event) -> Event:
-    """A position that stands behind a jam: a motor that turns freely may feel the jam, as with a dead sensor; both are told."""
-    if later.channel != "position" or later.alike:
-        return later
-    posterior = dict.fromkeys(later.posterior, 0.0) | {later.label: 0.5, "coupling_loss": 0.5}
-    return later._replace(probability=0.5, posterior=posterior, alike=("coupling_loss",))
+def _with(told: Event, later: Event) -> Event:
+    """The event with a second fault; of a position that stands behind a jam both that may be: a motor that turns freely may feel
+    the jam, as with a dead sensor."""
+    if told.label == "jam" and later.channel == "position" and not later.alike:
+        posterior = dict.fromkeys(later.posterior, 0.0) | {later.label: 0.5, "coupling_loss": 0.5}
+        later = later._replace(probability=0.5, posterior=posterior, alike=("coupling_loss",))
+    return told._replace(then=(later,))

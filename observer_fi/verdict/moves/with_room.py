@@ -15,7 +15,7 @@ from observer_fi.bank import ROOMS, Bank, HypothesisState, LogSamples, with_room
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig
 from observer_fi.records import Estimate, Event
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import COMES_AND_GOES, Drift, or_else
+from observer_fi.verdict.drift import COMES_AND_GOES, Drift, of_every_day, or_else
 from observer_fi.verdict.isolate import EventTracker, healthy, log_likelihood, rows_of, shown_by_rest, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.moves.pairs import Explained
@@ -24,7 +24,6 @@ from observer_fi.verdict.onset import Filters
 
 AT_WILL = ("jam", UNKNOWN)  # faults that follow any torque, and so also one of every day
 STANDS = 8  # verdicts in a row that room did not change
-EVERYDAY = 0.08  # of the friction: a jam that is smaller, and no better explained than a usual day, is one
 # Probability from which another label is as good: what wanders is like the slow rise by which an obstacle differs from a slip.
 ALIKE = 1e-4
 LITTLE = 0.1  # of what a fault explains without room
@@ -74,7 +73,7 @@ class WithRoom:
             return event
         best.bank.recent = bank.recent
         told = self._judged(event, estimate, best)
-        if told.label == "jam" and _small(told) and _small(event):
+        if told.label == "jam" and of_every_day(told) and of_every_day(event):
             return _or_a_day(event)
         same = (told.label, told.channel) == (event.label, event.channel)
         little = told.label == NOMINAL or _explains_little(best.word.explained.get(event.start_s), story)
@@ -124,8 +123,3 @@ def _or_a_day(event: Event) -> Event:
     if event.label != "jam" or health.label != NOMINAL:
         return health
     return or_else(health, "jam")
-
-
-def _small(event: Event) -> bool:
-    """Whether a friction has risen, or fallen, by no more than it does on a usual day."""
-    return all(abs(s.value) < EVERYDAY for s in event.severity if s.name == "friction_rise")
