@@ -18,8 +18,8 @@ from observer_fi.physics import FAULTS, PARAMETERS, FaultRow, Least, OwnState, R
 from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
-from observer_fi.verdict.moves.naming import CLEAN_S, FITS, PASSES_S
-from observer_fi.verdict.moves.whole_move import CHANGE_NATS, LEFT, window_of
+from observer_fi.verdict.moves.naming import CLEAN_S, PASSES_S
+from observer_fi.verdict.moves.whole_move import CHANGE_NATS, FITS, LEFT, window_of
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 # What shows later than this after its begin is not counted: what grows slowly must first be doubted.

@@ -27,12 +27,22 @@ from observer_fi.verdict.drift import (
 )
 from observer_fi.verdict.drive_off import may_be_off
 from observer_fi.verdict.isolate import OF_THE_REST, healthy
-from observer_fi.verdict.moves.naming import FAR, FITS, STOPPED_S, Naming, shown
+from observer_fi.verdict.moves.naming import FAR, Naming, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
 from observer_fi.verdict.moves.second_fault import first_misfit
 from observer_fi.verdict.moves.stories import Story, constant, in_order
 from observer_fi.verdict.moves.unloaded import slope_of
-from observer_fi.verdict.moves.whole_move import LEFT, SETTLED_S, STRIDE, WELL, Path, WholeMove, window_of
+from observer_fi.verdict.moves.whole_move import (
+    FITS,
+    LEFT,
+    SETTLED_S,
+    STOPPED_S,
+    STRIDE,
+    WELL,
+    Path,
+    WholeMove,
+    window_of,
+)
 from observer_fi.verdict.onset import Filters
 
 Mask = NDArray[np.bool_]

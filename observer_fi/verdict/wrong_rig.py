@@ -9,8 +9,7 @@ from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN
 from observer_fi.records import Consistency, Event, Outcome
 from observer_fi.verdict.drift import or_as_well, or_else, or_healthy
 from observer_fi.verdict.moves.circuit import is_dead
-from observer_fi.verdict.moves.naming import FITS
-from observer_fi.verdict.moves.whole_move import SETTLED_S, WholeMove
+from observer_fi.verdict.moves.whole_move import FITS, SETTLED_S, WholeMove
 from observer_fi.verdict.stuck import STANDS_STILL
 
 SAID = "this rig file does not describe this machine"

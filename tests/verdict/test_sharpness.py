@@ -16,9 +16,9 @@ from observer_fi.physics import Rig, load_rig, with_values
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.moves.naming import FITS, NEARLY, Naming, _as_far_as_it_fits
+from observer_fi.verdict.moves.naming import NEARLY, Naming, _as_far_as_it_fits
 from observer_fi.verdict.moves.unloaded import or_frozen
-from observer_fi.verdict.moves.whole_move import Path
+from observer_fi.verdict.moves.whole_move import FITS, Path
 from observer_fi.verdict.testable import not_tested
 
 RIG, SETTINGS = load_rig(), Settings()

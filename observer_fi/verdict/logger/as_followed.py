@@ -12,7 +12,6 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs import recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
-from observer_fi.verdict.drift import SURE
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 
 AROUND_S = 0.02  # of a ramp: the servo's ringing, or a command that comes later
@@ -64,15 +63,14 @@ def _differs(log: Log, w_cmd: Array) -> bool:
 def may_not_be_followed(outcome: Outcome) -> bool:
     """Whether an odd log may have a command that was not followed: that shows from the first start on.
 
-    A sensor whose failing later in a move explains the whole of it leaves nothing to a command, which would be recovered from it.
+    What begins later in a move and explains the whole of it leaves nothing to a command.
     """
     found = outcome.isolation
     if found is None or not is_odd(outcome):
         return False
     said, fit = found.verdict, found.consistency
     later = said.onset_s is not None and said.onset_s > said.start_s + SETTLED_S
-    failed_later = said.label == "sensor_fault" and later and said.probability > SURE
-    return not (failed_later and fit.nis_mean <= EXPLAINED * fit.nis_expected)
+    return not (later and fit.nis_mean <= EXPLAINED * fit.nis_expected)
 
 
 def is_odd(outcome: Outcome) -> bool:

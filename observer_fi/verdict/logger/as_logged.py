@@ -127,8 +127,8 @@ class AsLogged:
         self._begin_inputs(rig)
         log = self._inputs(log)
         measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
-        known = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
-        self.acquisition = as_in_motion(known, log, rig)
+        read = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
+        self.acquisition = as_in_motion(read, log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)

@@ -37,19 +37,25 @@ from observer_fi.verdict.moves.stories import (
     special_case,
     takes_up_any_load,
 )
-from observer_fi.verdict.moves.whole_move import HOPELESS, JUMP_DEG, SETTLED_S, STRIDE, WELL, Path, WholeMove
+from observer_fi.verdict.moves.whole_move import (
+    FITS,
+    HOPELESS,
+    JUMP_DEG,
+    SETTLED_S,
+    STOPPED_S,
+    STRIDE,
+    WELL,
+    Path,
+    WholeMove,
+)
 
 PASSES_S = 0.03  # what is over so soon passed, and condemns no move
-# Mean NIS over its expectation: of nominal in the motion before a fault and of the fault while it lasts. Where the rig file
-# does not describe the machine, both are above, and a name would be made up.
-FITS = 1.3
 CLEAN_S = 0.05  # of motion that nominal must have explained before a fault
 FAR = 200.0  # times the nats of another fault, that one must have for which no motion speaks before it
 FOLLOWED = 4.0  # standard deviations from all of its travel that a mass still follows in part
 BELIEVABLE = 3.0  # standard deviations by which a constant may be beyond what is believable
 Z95 = 1.959964
 NEARLY = 0.99  # of what a load at will explains
-STOPPED_S = 0.05  # before the motor is stopped: what begins then shows in the stop, of which the bank takes no evidence
 # What begins within this of the stop gains by a speed in doubt anew: 39 nats in healthy moves at 10 rad/s, 53 with gains that
 # are off. It must have so many times the nats of another fault.
 STOPPING_S, IN_A_STOP = 0.01, 10.0
