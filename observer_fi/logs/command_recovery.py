@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.logs.command_shape import Level, Shown, as_shown
 from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, position_speed
@@ -33,6 +34,8 @@ LONG_HOLE = 4  # samples
 RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
+
+AT_LIMIT = 0.97  # of the highest voltage of a log: a supply gives no more
 
 SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
 DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
@@ -104,10 +107,19 @@ def recover_command(log: Log, model: Model) -> Log:
     levels = _with_rests(levels, command, known, log, model, noise, off_zero)
     full = saturated(log.z, model)
     w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
+    if has_loop:
+        stands = [Level(slice(level.first, level.last + 1), level.speed) for level in levels]
+        w_cmd = as_shown(log.t, Shown(command, known, noise, full | _highest(log.z[:, 0])), w_cmd, stands)
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
     return _recovered(log, w_cmd, "voltage and current", moves)
+
+
+def _highest(voltage: Array) -> Mask:
+    """Where a voltage (n,) is next to the highest of the log, or is not read: that may be all that the supply has."""
+    size = np.abs(voltage)
+    return ~(size < AT_LIMIT * np.nanmax(size, initial=0.0))
 
 
 def _on_while_stalled(log: Log, w_cmd: Array) -> Array:

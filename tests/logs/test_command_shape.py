@@ -1,0 +1,52 @@
+"""A command that is no trapezoid with the rig's ramps, recovered from what its servo shows of it."""
+
+import numpy as np
+import pytest
+from hidden import SHAPES, SURROUNDINGS, draw_severity_case, make_log_with
+from hidden.profiles import command_at
+
+from observer_fi.logs import log_from_frame
+from observer_fi.logs.command_recovery import with_command
+from observer_fi.physics import load_rig
+from observer_fi.settings import Settings
+from observer_fi.verdict import diagnose_log
+
+RIG = load_rig()
+OTHER = [shape for shape in SHAPES if shape not in ("short", "creeping")]  # those are steep, or as small as their noise
+SEEDS = range(95_300_000, 95_300_004)
+
+
+def off(shape: str, trait: str, day: str, seed: int) -> float:
+    """Rms error of the recovered command, over the highest speed."""
+    spec = draw_severity_case(seed, "nominal", shape)
+    spec = SURROUNDINGS[day].change(spec, 1.0, np.random.default_rng(seed))
+    log = with_command(log_from_frame(make_log_with(trait, spec, seed)[0]), RIG)
+    told = command_at(spec.profile, spec.rig.accel, log.t)
+    return float(np.sqrt(np.mean((log.w_cmd - told) ** 2)) / np.abs(told).max())
+
+
+@pytest.mark.parametrize("shape", OTHER)
+def test_any_command_is_recovered_as_it_was(shape: str) -> None:
+    assert max(off(shape, "no_command", "usual", seed) for seed in SEEDS) < 0.003
+
+
+@pytest.mark.parametrize("day", ["winding 30 K warmer", "supply 12 % lower", "gains 20 % higher"])
+def test_steep_ramps_stay_what_the_rig_file_says_on_any_day(day: str) -> None:
+    assert max(off("", "no_command", day, seed) for seed in SEEDS) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["soft_ramps", "s_curve", "without_rests", "uneven"])
+def test_a_log_without_a_command_of_another_shape_is_judged_as_one_with_it(shape: str) -> None:
+    sure, right = [], 0
+    for seed in SEEDS:
+        for kind in ("nominal", "coupling_loss"):
+            spec = draw_severity_case(seed, kind, shape)
+            verdict = diagnose_log(
+                log_from_frame(make_log_with("no_command", spec, seed)[0]), RIG, Settings()
+            ).isolation.verdict
+            alike = kind in (verdict.label, *verdict.alike)
+            right += alike
+            sure += [] if alike or verdict.probability <= 0.95 else [(seed, kind, verdict.label)]
+    assert not sure
+    assert right >= 2 * len(SEEDS) - 1
