@@ -4,7 +4,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
-from observer_fi.logs.command_recovery import ABSENT, is_recovered, recover_command, with_command
+from observer_fi.logs.command_recovery import (
+    ABSENT,
+    SHOWN,
+    is_recovered,
+    is_shown,
+    recover_command,
+    with_command,
+)
 from observer_fi.logs.formats.registry import SHOWN_SUFFIXES, SUFFIXES
 from observer_fi.logs.ingest import (
     CHUNK_ROWS,
@@ -108,6 +115,7 @@ __all__ = [
     "on_its_clock",
     "ABSENT",
     "is_recovered",
+    "is_shown",
     "position_speed",
     "BrokenLineError",
     "CHUNK_ROWS",
@@ -129,6 +137,7 @@ __all__ = [
     "OFF_ZERO",
     "STANDING",
     "SHORTEST_REST",
+    "SHOWN",
     "SWITCHED",
     "NoiseChange",
     "noise_change",

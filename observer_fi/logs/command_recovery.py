@@ -47,6 +47,8 @@ SLOWS = 0.9  # of the speed before: a motor below that is being stopped
 STALLED, SOON_S = 1.5, 0.1
 AFTER_S = 0.2  # of the stand of a mass that the motor has left: what the current is then
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
+# A note of its own: such a command has the noise of the readings.
+SHOWN = "the command has other ramps than the rig file says: it is taken from each sample as voltage and current show it"
 
 Mask = NDArray[np.bool_]
 
@@ -79,6 +81,11 @@ def is_recovered(log: Log) -> bool:
     return any(note.startswith(ABSENT) for note in log.notes)
 
 
+def is_shown(log: Log) -> bool:
+    """Whether the command of a log has the noise of the readings that it was recovered from."""
+    return SHOWN in log.notes
+
+
 def recover_command(log: Log, model: Model) -> Log:
     """`log` with `w_cmd` recovered, and a note that says so.
 
@@ -109,7 +116,9 @@ def recover_command(log: Log, model: Model) -> Log:
     w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
     if has_loop:
         stands = [Level(slice(level.first, level.last + 1), level.speed) for level in levels]
-        w_cmd = as_shown(log.t, Shown(command, known, noise, full | _highest(log.z[:, 0])), w_cmd, stands)
+        made = w_cmd
+        w_cmd = as_shown(log.t, Shown(command, known, noise, full | _highest(log.z[:, 0])), made, stands)
+        log = log if w_cmd is made else replace(log, notes=(*log.notes, SHOWN))
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)

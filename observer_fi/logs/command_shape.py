@@ -23,6 +23,7 @@ SMOOTH_S, OF_RAMP = 0.01, 8.0  # of samples around one, whose mean it is: no mor
 LIMITED = 0.3  # of a short way up
 CLEARLY = 6.0  # standard deviations of a sample, by which it is off at least
 STANDS = 3.0  # standard deviations of such a mean: what is less at the ends of a rest is one
+MOST = 0.8  # of a level: the crest of a sine is no level
 BEFORE = 5  # samples before a hole, that tell how steep the command is
 
 
@@ -86,7 +87,7 @@ def _with_levels(smooth: Array, levels: Sequence[Level], least: float) -> Array:
     out = smooth - np.median(smooth[levels[0].samples])
     for samples, speed in levels:
         near = np.flatnonzero(np.abs(out[samples] - speed) < least)
-        if 2 * near.size > samples.stop - samples.start:
+        if near.size > MOST * (samples.stop - samples.start):
             begin = 0 if samples.start == 0 else samples.start + int(near[0])
             out[begin : samples.start + int(near[-1]) + 1] = speed
     tail = levels[-1].samples

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import recover_command
+from observer_fi.logs import SHOWN, is_shown, recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
 from observer_fi.verdict.moves.whole_move import SETTLED_S
@@ -40,7 +40,7 @@ def as_followed(log: Log, rig: Rig) -> Log | None:
         return None
     if not _differs(log, told.w_cmd):
         return None
-    return replace(told, notes=(*log.notes, NOT_FOLLOWED))
+    return replace(told, notes=(*log.notes, NOT_FOLLOWED, *((SHOWN,) if is_shown(told) else ())))
 
 
 def _differs(log: Log, w_cmd: Array) -> bool:

@@ -24,6 +24,7 @@ from observer_fi.logs import (
     acquisition_of,
     even,
     inductance_of,
+    is_shown,
     means_of,
     with_low_passes,
 )
@@ -131,7 +132,8 @@ class AsLogged:
         self.acquisition = as_in_motion(read, log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        usual = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
+        told = self._for_the_command(settings, log, rig)
+        usual = between_samples(for_readings(told, rig, log.z), rig, log.rate_hz)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
         self.settings = replace(usual, glitch_nis=min(SPIKE_NIS, usual.glitch_nis)) if spiky else usual
         self.day, self.offset = Day(), electrical_offset(self.acquisition, rig)
@@ -160,6 +162,18 @@ class AsLogged:
         self.rig = self.phases.of(rig if filed else known)
         self._begin(log, rig)
         return start
+
+    def _for_the_command(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
+        """The settings; where the command has the noise of the readings (`loop_command`), an integral that walks with it."""
+        if not is_shown(log):
+            return settings
+        model, (voltage, current) = rig.model, self.acquisition[:2]
+        noise = (
+            voltage.as_white / model["Km"],
+            current.as_white * (1.0 / model["Kp"] - model["Rm"] / model["Km"]),
+        )
+        walks = float(np.hypot(*np.nan_to_num(noise))) / math.sqrt(log.rate_hz)
+        return replace(settings, diffusion={**settings.diffusion, "I": max(walks, settings.diffusion["I"])})
 
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""
