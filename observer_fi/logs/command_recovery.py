@@ -117,7 +117,8 @@ def recover_command(log: Log, model: Model) -> Log:
     if has_loop:
         stands = [Level(slice(level.first, level.last + 1), level.speed) for level in levels]
         made = w_cmd
-        w_cmd = as_shown(log.t, Shown(command, known, noise, full | _highest(log.z[:, 0])), made, stands)
+        rough = max(_roughness(command[known]), rounding, NOISE_FLOOR)
+        w_cmd = as_shown(log.t, Shown(command, known, rough, full | _highest(log.z[:, 0])), made, stands)
         log = log if w_cmd is made else replace(log, notes=(*log.notes, SHOWN))
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
@@ -344,6 +345,12 @@ def _noise(t: Array, command: Array, rounding: float) -> float:
     blocks = command[: command.size // size * size].reshape(-1, size)
     within = float(np.median(blocks.std(axis=1))) if len(blocks) else 0.0
     return max(least, apart, within)
+
+
+def _roughness(values: Array) -> float:
+    """Standard deviation of one sample by what no slope leaves of them: second differences."""
+    bends = np.abs(np.diff(values, 2))
+    return float(np.median(bends)) / (0.6745 * math.sqrt(6.0)) if bends.size else 0.0
 
 
 def _rounding(log: Log, model: Model) -> float:
