@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from observer_fi.bank import Bank, Hypothesis, LogSamples, of_a_move, other_laws
 from observer_fi.logs import quarter_of_a_ring
-from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig, channel_of
+from observer_fi.physics import FAULTS, NOMINAL, UNKNOWN, Rig, channel_of, label_of
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import (
@@ -159,7 +159,8 @@ class LastWord:
         if stories:
             gain = stories[0].gain
             self.explained[event.start_s] = Explained(whole.in_motion() + gain, gain)
-            return _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0])
+            told = _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0])
+            return self._or_the_better(told, event, paths, stories[0].gain, whole)
         counted = [path for path in paths if self.naming.counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
@@ -179,7 +180,18 @@ class LastWord:
         fits = float(moves.mean()) <= FITS * whole.expected(
             whole.nominal
         )  # a drive that goes off at rest is no misfit
-        return self._or_health(event, paths) if event.label != UNKNOWN and not counted and fits else event
+        if event.label != UNKNOWN and not counted and fits:
+            return self._or_health(event, paths)
+        own = (
+            p.gain
+            for p in paths
+            if (p.hypothesis.label, channel_of(p.hypothesis.name)) == (event.label, event.channel)
+        )
+        return (
+            event
+            if event.label == UNKNOWN
+            else self._or_the_better(event, event, paths, max(own, default=0.0), whole)
+        )
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
         """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.
@@ -208,6 +220,24 @@ class LastWord:
         return or_else(
             event, path.hypothesis.label, f"{words} may have begun at {begin:.3f} s, by too little to say so"
         )
+
+    def _or_the_better(
+        self, told: Event, event: Event, paths: Sequence[Path], gain: float, whole: WholeMove
+    ) -> Event:
+        """What the whole move says, or as well the fault that explains it better, and is not told only because nominal does not
+        explain the motion before it."""
+        top = next((path for path in paths if path.gain > gain + self.settings.move_nats), None)
+        if (
+            top is None
+            or top.nis > FITS * whole.expected(top.hypothesis)
+            or not self.naming.counts(top, whole, event)
+        ):
+            return told
+        names = [label_of(story.mode) for story in self.naming.stories(top, whole)]
+        if not names or {told.label, *told.alike, UNKNOWN} & set(names):
+            return told
+        why = f"{FAULTS[names[0]].title.lower()} explains this move better, but nothing explains the motion before it"
+        return or_as_well(told, names[0], why)
 
     @staticmethod
     def _of_the_stop(whole: WholeMove) -> list[Path]:

@@ -12,7 +12,9 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 
 RIG = load_rig()
-OTHER = [shape for shape in SHAPES if shape not in ("short", "creeping")]  # those are steep, or as small as their noise
+OTHER = [
+    shape for shape in SHAPES if shape not in ("short", "creeping")
+]  # those are steep, or as small as their noise
 SEEDS = range(95_300_000, 95_300_004)
 
 

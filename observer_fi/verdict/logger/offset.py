@@ -9,10 +9,8 @@ from observer_fi.numerics import in_python
 from observer_fi.physics import Rig, equations
 from observer_fi.records import Acquisition, ChannelTraits, Log
 
-MOVING_S, DOUBT = (
-    0.5,
-    0.05,
-)  # of motion that is looked at, and the share of its voltage that gains and constants leave open
+MOVING_S = 0.5  # of motion that is looked at
+DOUBT = 0.02  # of its voltage, which gains and constants leave open
 
 
 def electrical_offset(a: Acquisition, rig: Rig, gain: float = 1.0, least: float = OFF_ZERO) -> float:

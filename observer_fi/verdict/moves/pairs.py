@@ -12,10 +12,17 @@ import numpy as np
 from observer_fi.physics import NOMINAL, UNKNOWN
 from observer_fi.records import Event
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import of_every_day
+from observer_fi.verdict.drift import EVERYDAY, of_every_day
 from observer_fi.verdict.moves.naming import Naming
 from observer_fi.verdict.moves.second_fault import MISFIT, SUSPECT, WINDOW_S, behind, lasted, until
-from observer_fi.verdict.moves.stories import Story, in_order, takes_up_any_load, worth
+from observer_fi.verdict.moves.stories import (
+    Story,
+    follows_whole,
+    in_order,
+    load_of_a_spring,
+    takes_up_any_load,
+    worth,
+)
 from observer_fi.verdict.moves.whole_move import LEFT, STRIDE, Path, WholeMove
 
 BEFORE_S = 0.2  # that a second fault may have begun before the first one stops explaining the samples
@@ -104,7 +111,7 @@ class Pairs:
     def _pair(self, event: Event, whole: WholeMove, stop: int, again: bool = True) -> Pair | None:
         """The event with the fault that explains the move as far as a sample, and another behind it; None without either.
 
-        A friction that has only risen as it does on any day is no first fault: the one behind it is told.
+        A load that has only risen as friction does on any day is no first fault: the one behind it is told.
         """
         shorter = until(whole, stop)
         if shorter is None:
@@ -124,7 +131,7 @@ class Pairs:
         if second is None:
             return None
         later = second[0]._replace(start_s=event.start_s)
-        both = later if told.label == "jam" and of_every_day(told) else _with(told, later)
+        both = later if self._is_of_a_day(told, path) else _with(told, later)
         behind_it = rest.in_motion() - rest.in_motion(max(shorter.n - held.since, 0))
         nats = shorter.in_motion() + path.gain + behind_it + second[1].gain
         pair = Pair(both, Explained(nats, nats - whole.in_motion()))
@@ -134,6 +141,12 @@ class Pairs:
         if again and begun < stop:  # what came first is told from what was before the second one
             return self._pair(event, whole, begun, again=False) or (pair if alone else None)
         return pair if alone else None
+
+    def _is_of_a_day(self, told: Event, path: Path) -> bool:
+        """Whether what a first fault adds to the load, without taking any of the travel, is what friction rises by on any day."""
+        if told.label == "overload" and follows_whole(path):
+            return load_of_a_spring(path)[0] < EVERYDAY * self.naming.rig.model["A"]
+        return told.label == "jam" and of_every_day(told)
 
     def _one(self, event: Event, whole: WholeMove, first: int, last: int) -> tuple[Event, Path] | None:
         """The event with the best story that begins between two samples, and its path; None where there is none."""

@@ -143,18 +143,20 @@ def takes_up_any_load(path: Path) -> bool:
 
 
 def load_of_a_spring(path: Path) -> tuple[float, float]:
-    """Size of what a spring with a load in front of it presses at the end of its path, and its standard deviation [N m].
+    """Size of what a spring, with or without a load in front of it, presses at the end of its path, and its standard deviation
+    [N m].
 
     Stiffness and load may each be in doubt where their sum is not.
     """
     stiffness = next(own for own in path.hypothesis.own if own.name == "C")
-    at = [path.hypothesis.states.index(name) for name in ("d", "C", "torque")]
-    d, stiff, load = path.memory.x[at]
+    names = [name for name in ("d", "C", "torque") if name in path.hypothesis.states]
+    at = [path.hypothesis.states.index(name) for name in names]
+    d, stiff, *load = path.memory.x[at]
     per_C = (
         math.copysign(stiffness.told_as.value(path.hypothesis.model), stiff) * d if stiffness.told_as else 0.0
     )
-    c, P = np.array([per_C, 1.0]), path.memory.P[np.ix_(at[1:], at[1:])]
-    return abs(per_C * float(stiff) + float(load)), math.sqrt(max(float(c @ P @ c), 0.0))
+    c, P = np.array([per_C, *(1.0 for _ in load)]), path.memory.P[np.ix_(at[1:], at[1:])]
+    return abs(per_C * float(stiff) + float(sum(load))), math.sqrt(max(float(c @ P @ c), 0.0))
 
 
 def follows_whole(path: Path) -> bool:
