@@ -226,7 +226,8 @@ class LastWord:
     ) -> Event:
         """What the whole move says, or as well the fault that explains it better, and is not told only because nominal does not
         explain the motion before it."""
-        top = next((path for path in paths if path.gain > gain + self.settings.move_nats), None)
+        within = (path for path in paths if whole.window.t[path.begin] > event.start_s + SETTLED_S)
+        top = next((path for path in within if path.gain > gain + self.settings.move_nats), None)
         if (
             top is None
             or top.nis > FITS * whole.expected(top.hypothesis)

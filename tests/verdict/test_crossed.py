@@ -29,9 +29,7 @@ def named(event: Event, label: str) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "day", ["warm winding, swell", "ripple of the screw, 3 %"]
-)
+@pytest.mark.parametrize("day", ["warm winding, swell", "ripple of the screw, 3 %"])
 def test_a_swelling_torque_is_no_first_fault_of_two(day: str) -> None:
     said = [
         (seed, verdict(draw_severity_case(seed, "overload", "uneven"), "noise_3+drive_400hz", seed, day))
