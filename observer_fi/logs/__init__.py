@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import (
     ABSENT,
-    SHOWN,
     is_recovered,
     is_shown,
     recover_command,
@@ -137,7 +136,6 @@ __all__ = [
     "OFF_ZERO",
     "STANDING",
     "SHORTEST_REST",
-    "SHOWN",
     "SWITCHED",
     "NoiseChange",
     "noise_change",

@@ -86,8 +86,8 @@ def is_shown(log: Log) -> bool:
     return SHOWN in log.notes
 
 
-def recover_command(log: Log, model: Model) -> Log:
-    """`log` with `w_cmd` recovered, and a note that says so.
+def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:
+    """`log` with `w_cmd` recovered, and a note that says so. any_shape: whether it may have other ramps than the model's.
 
     Moves that hold their speed for less than two blocks of 5 ms are not seen. Raises InvalidLogError where
     neither voltage nor encoder tell the speed, UsageError where the model has no motor. Without a servo in the model
@@ -114,7 +114,7 @@ def recover_command(log: Log, model: Model) -> Log:
     levels = _with_rests(levels, command, known, log, model, noise, off_zero)
     full = saturated(log.z, model)
     w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
-    if has_loop:
+    if has_loop and any_shape:
         stands = [Level(slice(level.first, level.last + 1), level.speed) for level in levels]
         made = w_cmd
         rough = max(_roughness(command[known]), rounding, NOISE_FLOOR)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import SHOWN, is_shown, recover_command
+from observer_fi.logs import recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
 from observer_fi.verdict.moves.whole_move import SETTLED_S
@@ -35,12 +35,12 @@ def as_followed(log: Log, rig: Rig) -> Log | None:
     if rig.driven.command is not None or not rig.watched.servo or not np.isfinite(log.w_cmd).any():
         return None
     try:
-        told = recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model)
+        told = recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model, any_shape=False)
     except (InvalidLogError, UsageError):  # nothing tells it, or the rig file has no motor
         return None
     if not _differs(log, told.w_cmd):
         return None
-    return replace(told, notes=(*log.notes, NOT_FOLLOWED, *((SHOWN,) if is_shown(told) else ())))
+    return replace(told, notes=(*log.notes, NOT_FOLLOWED))
 
 
 def _differs(log: Log, w_cmd: Array) -> bool:

@@ -313,8 +313,12 @@ class WholeMove:
         return float(there.sum() - (there[h.failed] if h.failed >= 0 else 0.0))
 
     def misfit(self, nis: Array, begin: int) -> float:
-        """Mean normalised innovation squared of a filter from sample `begin` on, without a stop of which nothing is known."""
-        told = nis[self.known[begin : begin + nis.size]]
+        """Mean normalised innovation squared of a filter from sample `begin` on, without a stop of which nothing is known.
+
+        What begins in the start has that to explain, and the stop with it.
+        """
+        starts = int(np.argmax(self.window.active)) + round(SETTLED_S / self.interval)
+        told = nis[self.known[begin : begin + nis.size]] if begin > starts else nis
         return float((told if told.size >= LEFT else nis).mean())
 
     def _but_for_the_stop(self) -> NDArray[np.bool_]:
