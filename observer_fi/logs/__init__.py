@@ -69,11 +69,13 @@ from observer_fi.logs.moves import (
     mean_square_by_phase,
     moves_from_rest,
     phases,
+    quarter_of_a_ring,
+    quiet_speed,
     settling_time,
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
-from observer_fi.logs.units import quarter_of_a_ring, suspect_units
+from observer_fi.logs.units import suspect_units
 
 if TYPE_CHECKING:
     from observer_fi.logs.inspection.contents import Column, digest_of
@@ -85,6 +87,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SET_UP_DEG",
     "quarter_of_a_ring",
+    "quiet_speed",
     "LowPass",
     "Mean",
     "Uninductive",

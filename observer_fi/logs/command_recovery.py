@@ -8,7 +8,6 @@ acceleration between them.
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,6 @@ RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a c
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
-AT_LIMIT = 0.97  # of the highest voltage of a log: a supply gives no more
-
 SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
 DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
 SHORT = 5  # samples: a current that is less for a shorter time is noise
@@ -51,15 +48,6 @@ ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
 SHOWN = "the command has other ramps than the rig file says: it is taken from each sample as voltage and current show it"
 
 Mask = NDArray[np.bool_]
-
-
-class _Level(NamedTuple):
-    """Samples [first, last] over which w + e stands still at `seen`, for a command of `speed` [rad/s]."""
-
-    first: int
-    last: int
-    seen: float
-    speed: float
 
 
 def with_command(log: Log, rig: Rig) -> Log:
@@ -87,7 +75,9 @@ def is_shown(log: Log) -> bool:
 
 
 def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:
-    """`log` with `w_cmd` recovered, and a note that says so. any_shape: whether it may have other ramps than the model's.
+    """`log` with `w_cmd` recovered, and a note that says so.
+
+    any_shape: whether it may have other ramps than those of the model; a second note says that it has.
 
     Moves that hold their speed for less than two blocks of 5 ms are not seen. Raises InvalidLogError where
     neither voltage nor encoder tell the speed, UsageError where the model has no motor. Without a servo in the model
@@ -114,22 +104,14 @@ def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:
     levels = _with_rests(levels, command, known, log, model, noise, off_zero)
     full = saturated(log.z, model)
     w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
-    if has_loop and any_shape:
-        stands = [Level(slice(level.first, level.last + 1), level.speed) for level in levels]
-        made = w_cmd
-        rough = max(_roughness(command[known]), rounding, NOISE_FLOOR)
-        w_cmd = as_shown(log.t, Shown(command, known, rough, full | _highest(log.z[:, 0])), made, stands)
-        log = log if w_cmd is made else replace(log, notes=(*log.notes, SHOWN))
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
+    elif any_shape:
+        rough = max(_roughness(command[known]), rounding, NOISE_FLOOR)
+        shown = as_shown(log, Shown(command, known, rough, full), w_cmd, levels, model)
+        log, w_cmd = (log, w_cmd) if shown is None else (replace(log, notes=(*log.notes, SHOWN)), shown)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
     return _recovered(log, w_cmd, "voltage and current", moves)
-
-
-def _highest(voltage: Array) -> Mask:
-    """Where a voltage (n,) is next to the highest of the log, or is not read: that may be all that the supply has."""
-    size = np.abs(voltage)
-    return ~(size < AT_LIMIT * np.nanmax(size, initial=0.0))
 
 
 def _on_while_stalled(log: Log, w_cmd: Array) -> Array:
@@ -368,7 +350,7 @@ def _block_size(t: Array) -> int:
     return max(FEWEST_IN_BLOCK, round(BLOCK_S / float(np.median(np.diff(t)))))
 
 
-def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[_Level]:
+def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[Level]:
     """Stretches where the command stands still, neighbours of the same speed joined."""
     size = _block_size(t)
     blocks = t.size // size
@@ -391,7 +373,7 @@ def _levels(t: Array, command: Array, known: Mask, noise: float) -> list[_Level]
             found.append([int(b)])
     stretches = [run for run in found if len(run) > 1]
     return _joined(
-        [_Level(s[0] * size, (s[-1] + 1) * size - 1, 0.0, 0.0) for s in stretches], command, known, t, noise
+        [Level(s[0] * size, (s[-1] + 1) * size - 1, 0.0, 0.0) for s in stretches], command, known, t, noise
     )
 
 
@@ -399,11 +381,11 @@ def _same(a: float, b: float, noise: float) -> bool:
     return abs(a - b) < max(SIGMAS * noise, SAME_LEVEL * max(abs(a), abs(b)))
 
 
-def _joined(stretches: list[_Level], command: Array, known: Mask, t: Array, noise: float) -> list[_Level]:
+def _joined(stretches: list[Level], command: Array, known: Mask, t: Array, noise: float) -> list[Level]:
     """Neighbours of the same speed as one, at the median of their samples; crests of ringing are dropped."""
     stretches = [_measured([s], command, known) for s in stretches]
     top = max((abs(s.seen) for s in stretches), default=0.0)
-    groups: list[list[_Level]] = []
+    groups: list[list[Level]] = []
     for k, stretch in enumerate(stretches):
         short = t[stretch.last] - t[stretch.first] < RINGING_S
         beside = [stretches[n].seen for n in (k - 1, k + 1) if 0 <= n < len(stretches)]
@@ -417,15 +399,15 @@ def _joined(stretches: list[_Level], command: Array, known: Mask, t: Array, nois
     return [_measured(group, command, known) for group in groups]
 
 
-def _measured(group: list[_Level], command: Array, known: Mask) -> _Level:
+def _measured(group: list[Level], command: Array, known: Mask) -> Level:
     samples = np.concatenate([command[s.first : s.last + 1][known[s.first : s.last + 1]] for s in group])
     seen = float(np.median(samples))
-    return _Level(group[0].first, group[-1].last, seen, seen)
+    return Level(group[0].first, group[-1].last, seen, seen)
 
 
 def _with_rests(
-    levels: list[_Level], command: Array, known: Mask, log: Log, model: Model, noise: float, off_zero: float
-) -> list[_Level]:
+    levels: list[Level], command: Array, known: Mask, log: Log, model: Model, noise: float, off_zero: float
+) -> list[Level]:
     """The levels with their speeds: 0 where the mass stands still, elsewhere less a bias seen at rest, if that is beyond
     `off_zero` [rad/s], which noise or rounding may leave.
     """
@@ -445,7 +427,7 @@ def _with_rests(
     return found
 
 
-def _is_rest(level: _Level, top: float, log: Log, model: Model, noise: float) -> bool:
+def _is_rest(level: Level, top: float, log: Log, model: Model, noise: float) -> bool:
     """A speed within the noise; one that a biased sensor shows while the position is constant, a low one or any without current.
 
     No motor turns without some: a current sensor that died leaves the voltage that holds a motor at rest.
@@ -464,7 +446,7 @@ def _is_rest(level: _Level, top: float, log: Log, model: Model, noise: float) ->
     return moved < 0.3 * model["D"] * abs(level.seen) * seconds + 3.0 * error
 
 
-def _draws_nothing(current: Array, level: _Level) -> bool:
+def _draws_nothing(current: Array, level: Level) -> bool:
     """Whether a current (n,), which the log does show elsewhere, is within its noise over a level."""
     i = current[level.first : level.last + 1]
     i = i[np.isfinite(i)]
@@ -474,7 +456,7 @@ def _draws_nothing(current: Array, level: _Level) -> bool:
 
 
 def _trapezoid(
-    t: Array, command: Array, known: Mask, full: Mask, levels: list[_Level], noise: float, accel: float
+    t: Array, command: Array, known: Mask, full: Mask, levels: list[Level], noise: float, accel: float
 ) -> Array:
     """(n,) the piecewise linear command through the levels, with ramps of `accel` between them."""
     knots, speeds = [float(t[0])], [levels[0].speed]
@@ -487,7 +469,7 @@ def _trapezoid(
 
 
 def _onset(
-    t: Array, command: Array, known: Mask, full: Mask, a: _Level, b: _Level, noise: float, accel: float
+    t: Array, command: Array, known: Mask, full: Mask, a: Level, b: Level, noise: float, accel: float
 ) -> float:
     """Time at which the ramp from level a to level b begins, from the samples on the ramp [s].
 

@@ -10,62 +10,80 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.logs.moves import quarter_of_a_ring, settling_time
 from observer_fi.numerics import constant_runs
-from observer_fi.records import Array
+from observer_fi.physics import Model
+from observer_fi.records import Array, Log
 
 Mask = NDArray[np.bool_]
 
 AT_SPEED = 0.9  # of the first speed: up to there a motor is brought up to it
 # Mean over the way up, as a share of that speed, by which what is shown is off: of a steep ramp a winding of another
 # resistance shows as much as the first; behind the ring of one, stairs through a soft ramp are off by more than the second.
-OFF, OFF_LONG, RINGS_S = 0.1, 0.05, 0.08
-SMOOTH_S, OF_RAMP = 0.01, 8.0  # of samples around one, whose mean it is: no more than that part of the way up
-LIMITED = 0.3  # of a short way up
+OFF, OFF_LONG = 0.1, 0.05
+OF_RAMP = 8.0  # of the way up, the part that samples around one may span, whose mean it is
+AT_LIMIT, LIMITED = 0.97, 0.3  # of the highest voltage of a log: a supply gives no more; of a short way up
 CLEARLY = 6.0  # standard deviations of a sample, by which it is off at least
 STANDS = 3.0  # standard deviations of such a mean: what is less at the ends of a rest is one
 MOST = 0.8  # of a level: the crest of a sine is no level
 BEFORE = 5  # samples before a hole, that tell how steep the command is
 
 
+class Level(NamedTuple):
+    """Samples [first, last] over which what is shown stands still at `seen`, for a command of `speed` [rad/s]."""
+
+    first: int
+    last: int
+    seen: float
+    speed: float
+
+    @property
+    def samples(self) -> slice:
+        """Its samples."""
+        return slice(self.first, self.last + 1)
+
+
 class Shown(NamedTuple):
     """What a servo shows of its command: (n,) [rad/s], where it can be believed, and its noise, 1 sigma [rad/s].
 
-    limited: (n,) where its voltage may be all that the supply has.
+    full: (n,) where its voltage has reached the supply of the rig file.
     """
 
     command: Array
     known: Mask
     noise: float
-    limited: Mask
+    full: Mask
 
 
-class Level(NamedTuple):
-    """Samples over which a command stands still at a speed [rad/s]."""
+def as_shown(log: Log, shown: Shown, w_cmd: Array, levels: Sequence[Level], model: Model) -> Array | None:
+    """The command (n,) [rad/s] as it is shown, smoothed; None where `w_cmd` (n,) through levels describes how it begins.
 
-    samples: slice
-    speed: float
-
-
-def as_shown(t: Array, shown: Shown, w_cmd: Array, levels: Sequence[Level]) -> Array:
-    """`w_cmd` (n,) [rad/s] through levels, or what is shown, smoothed, where the motor is first brought up to speed otherwise.
-
-    t: times [s]. Nothing tells how a log began that begins in motion, nor a short ramp whose supply was at its limit.
+    None, too, where nothing tells: of a log that begins in motion, and of a short ramp whose supply was at its limit.
+    model: of the servo, for how long it rings.
     """
     first = next((level.speed for level in levels if level.speed), 0.0)
-    if not first or levels[0].speed or levels[0].samples.start > 0:
-        return w_cmd
-    whole, starts = _bridged(t, shown.command, shown.known), levels[0].samples.stop
+    if not first or levels[0].speed or levels[0].first > 0:
+        return None
+    whole, starts = _bridged(log.t, shown.command, shown.known), levels[0].last + 1
     there = np.abs(whole[starts:]) >= AT_SPEED * abs(first)
     up = slice(starts, starts + int(np.argmax(there)))
     off = np.abs(shown.command - w_cmd)[up][shown.known[up]]
-    takes = float(t[up.stop] - t[starts]) if there.any() else 0.0
-    long = takes > RINGS_S
-    if off.size < 2 * BEFORE or (not long and float(shown.limited[up].mean()) > LIMITED):
-        return w_cmd
+    takes = float(log.t[up.stop] - log.t[starts]) if there.any() else 0.0
+    long = takes > settling_time(model)
+    limited = (shown.full | _highest(log.z[:, 0]))[up]
+    if off.size < 2 * BEFORE or (not long and float(limited.mean()) > LIMITED):
+        return None
     if float(off.mean()) < max((OFF_LONG if long else OFF) * abs(first), CLEARLY * shown.noise):
-        return w_cmd
-    count = 2 * round(0.5 * min(SMOOTH_S, takes / OF_RAMP) / float(np.median(np.diff(t)))) + 1
-    return _with_levels(_smoothed(whole, count), levels, STANDS * shown.noise / count**0.5)
+        return None
+    span = min(quarter_of_a_ring(model), takes / OF_RAMP)
+    count = 2 * round(0.5 * span / float(np.median(np.diff(log.t)))) + 1
+    return _with_levels(_smoothed(whole, count), levels, STANDS * shown.noise, count)
+
+
+def _highest(voltage: Array) -> Mask:
+    """Where a voltage (n,) is next to the highest of the log, or is not read: that may be all that the supply has."""
+    size = np.abs(voltage)
+    return ~(size < AT_LIMIT * np.nanmax(size, initial=0.0))
 
 
 def _bridged(t: Array, shown: Array, known: Mask) -> Array:
@@ -82,17 +100,19 @@ def _bridged(t: Array, shown: Array, known: Mask) -> Array:
     return out
 
 
-def _with_levels(smooth: Array, levels: Sequence[Level], least: float) -> Array:
-    """The smoothed command, less what the first rest is off 0, at one speed where most of a level is within `least` of it."""
-    out = smooth - np.median(smooth[levels[0].samples])
-    for samples, speed in levels:
-        near = np.flatnonzero(np.abs(out[samples] - speed) < least)
-        if near.size > MOST * (samples.stop - samples.start):
-            begin = 0 if samples.start == 0 else samples.start + int(near[0])
-            out[begin : samples.start + int(near[-1]) + 1] = speed
-    tail = levels[-1].samples
-    if levels[-1].speed == 0.0 and tail.start > 0 and (np.abs(out[tail.stop :]) < 2.0 * least).all():
-        out[tail.stop :] = 0.0
+def _with_levels(smooth: Array, levels: Sequence[Level], near_by: float, count: int) -> Array:
+    """The smoothed command, less what the first rest is off 0, at one speed where a rest or most of a level stands still.
+
+    near_by: of a single sample [rad/s]; count: of samples in a mean, which at the end of a log has fewer.
+    """
+    out, least = smooth - np.median(smooth[levels[0].samples]), near_by / count**0.5
+    for level in levels:
+        near = np.flatnonzero(np.abs(out[level.samples] - level.speed) < least)
+        if near.size > (0 if level.speed == 0.0 else MOST * (level.last + 1 - level.first)):
+            begin = 0 if level.first == 0 else level.first + int(near[0])
+            end = level.first + int(near[-1]) + 1
+            over = level is levels[-1] and (np.abs(out[end:] - level.speed) < near_by).all()
+            out[begin : None if over else end] = level.speed
     return out
 
 

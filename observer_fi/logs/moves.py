@@ -104,10 +104,14 @@ def _mean_pitch(pitch: Array | None, start: int, stop: int) -> float:
     return 0.0 if pitch is None else float(np.mean(pitch[start:stop]))
 
 
+def quiet_speed(w_cmd: Array) -> float:
+    """Up to which a command (n,) stands for rest [rad/s]."""
+    return max(QUIET_SPEED, QUIET_SHARE * float(np.abs(w_cmd).max(initial=0.0)))
+
+
 def _signs(t: Array, w_cmd: Array) -> Signs:
     """(n,) direction of the command, 0 at rest; short pauses are filled and short blips removed."""
-    speed = np.abs(w_cmd)
-    quiet = max(QUIET_SPEED, QUIET_SHARE * float(speed.max(initial=0.0)))
+    speed, quiet = np.abs(w_cmd), quiet_speed(w_cmd)
     signs: Signs = np.where(speed > quiet, np.sign(w_cmd), 0.0).astype(np.int8)
     blip = 20.0 * quiet
     for a, b in constant_runs(signs):
@@ -121,6 +125,12 @@ def _signs(t: Array, w_cmd: Array) -> Signs:
 def settling_time(model: Model) -> float:
     """Time after which a transient of the speed loop is over [s]: `SETTLING_TIMES` of 2 J / (Km Kp)."""
     return SETTLING_TIMES * 2.0 * model["J"] / (model["Km"] * model["Kp"])
+
+
+def quarter_of_a_ring(model: Model) -> float:
+    """In which a servo speeds up and does not brake yet [s]; 0 where nobody knows the servo."""
+    stiffness = model["Km"] * model["Ki"]
+    return 0.5 * np.pi * float(np.sqrt(model["J"] / stiffness)) if stiffness > 0.0 else 0.0
 
 
 def saturated(z: Array, model: Model) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.logs.command_recovery import is_recovered
+from observer_fi.logs.moves import quarter_of_a_ring
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
@@ -115,12 +116,6 @@ def _sign_notes(log: Log, moves: tuple[Segment, ...], full: NDArray[np.bool_], m
         yield from (
             f"{column} goes the other way than the command: is its sign inverted?" for column in found
         )
-
-
-def quarter_of_a_ring(model: Model) -> float:
-    """In which a servo speeds up and does not brake yet [s]; 0 where nobody knows the servo."""
-    stiffness = model["Km"] * model["Ki"]
-    return 0.5 * np.pi * float(np.sqrt(model["J"] / stiffness)) if stiffness > 0.0 else 0.0
 
 
 def _first_push(log: Log, move: Segment, most: float, seconds: float) -> float:

@@ -161,37 +161,37 @@ class LastWord:
             self.explained[event.start_s] = Explained(whole.in_motion() + gain, gain)
             told = _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0])
             return self._or_the_better(told, event, paths, stories[0].gain, whole)
+        return self._without_a_story(event, paths, whole, doubted)
+
+    def _without_a_story(
+        self, event: Event, paths: Sequence[Path], whole: WholeMove, doubted: float
+    ) -> Event:
+        """The event where none of the paths of its move has a name that may be told."""
         counted = [path for path in paths if self.naming.counts(path, whole, event)]
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
-        if event.label == UNKNOWN and self._settles(doubted, event, whole):
-            limit = self.settings.strain_limit
-            slope = whole.direction(whole.moving - 1) * float(whole.window.theta[whole.moving - 1])
-            jammed = jammed_before(healthy(event), whole.memories[-1], whole.nominal, self.rig, limit, slope)
-            if jammed.label != NOMINAL:
-                return jammed
-            if not counted and first_misfit(whole.nis, whole.expected(whole.nominal), whole) is None:
-                return (
-                    jammed  # the ring of a soft start, which nominal explains as well as the rest of the move
-                )
+        if event.label == UNKNOWN:
+            return self._of_the_start(event, whole, doubted, bool(counted))
         if event.label == NOMINAL:
             return self._or_a_little(event, paths, whole)
+        # a drive that goes off at rest is no misfit
         moves = whole.nis[whole.window.active] if whole.window.active.any() else whole.nis
-        fits = float(moves.mean()) <= FITS * whole.expected(
-            whole.nominal
-        )  # a drive that goes off at rest is no misfit
-        if event.label != UNKNOWN and not counted and fits:
+        if not counted and float(moves.mean()) <= FITS * whole.expected(whole.nominal):
             return self._or_health(event, paths)
-        own = (
-            p.gain
-            for p in paths
-            if (p.hypothesis.label, channel_of(p.hypothesis.name)) == (event.label, event.channel)
-        )
-        return (
-            event
-            if event.label == UNKNOWN
-            else self._or_the_better(event, event, paths, max(own, default=0.0), whole)
-        )
+        own = event.label, event.channel
+        gains = (p.gain for p in paths if (p.hypothesis.label, channel_of(p.hypothesis.name)) == own)
+        return self._or_the_better(event, event, paths, max(gains, default=0.0), whole)
+
+    def _of_the_start(self, event: Event, whole: WholeMove, doubted: float, counted: bool) -> Event:
+        """A fault without a name; health, or a jam of before, where the doubt was of the start and nominal explains the rest."""
+        if not self._settles(doubted, event, whole):
+            return event
+        limit = self.settings.strain_limit
+        slope = whole.direction(whole.moving - 1) * float(whole.window.theta[whole.moving - 1])
+        jammed = jammed_before(healthy(event), whole.memories[-1], whole.nominal, self.rig, limit, slope)
+        # the ring of a soft start, which nominal explains as well as the rest of the move
+        rings = not counted and first_misfit(whole.nis, whole.expected(whole.nominal), whole) is None
+        return jammed if rings or jammed.label != NOMINAL else event
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
         """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.
@@ -227,12 +227,10 @@ class LastWord:
         """What the whole move says, or as well the fault that explains it better, and is not told only because nominal does not
         explain the motion before it."""
         within = (path for path in paths if whole.window.t[path.begin] > event.start_s + SETTLED_S)
-        top = next((path for path in within if path.gain > gain + self.settings.move_nats), None)
-        if (
-            top is None
-            or top.nis > FITS * whole.expected(top.hypothesis)
-            or not self.naming.counts(top, whole, event)
-        ):
+        top = max(within, key=lambda path: path.gain, default=None)
+        if top is None or top.gain <= gain + self.settings.move_nats:
+            return told
+        if top.nis > FITS * whole.expected(top.hypothesis) or not self.naming.counts(top, whole, event):
             return told
         names = [label_of(story.mode) for story in self.naming.stories(top, whole)]
         if not names or {told.label, *told.alike, UNKNOWN} & set(names):

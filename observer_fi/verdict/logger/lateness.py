@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import SHORTEST_REST, moves_from_rest
+from observer_fi.logs import SHORTEST_REST, moves_from_rest, quiet_speed
 from observer_fi.physics import Rig, with_values
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
@@ -189,7 +189,7 @@ class _Gains:
         rig = set_right(self.rig, late, self.interval)
         log = SetBack(late).take(self.log)
         e = Bank(rig, self.settings).advance(log)
-        moving = np.cumsum(log.w_cmd != log.w_cmd[0]) > 0
+        moving = np.cumsum(np.abs(log.w_cmd - log.w_cmd[0]) > quiet_speed(log.w_cmd)) > 0
         before = ~moving
         before[:8] = False
         steady = self.log.t > self.log.t[-1] - STEADY_S
