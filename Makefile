@@ -51,7 +51,7 @@ test: $(READY)
 
 # pytest exits with 5 where no test is marked slow.
 slow: $(READY)
-	$(BIN)/python -m pytest -q -n $(WORKERS) -m slow || [ $$? -eq 5 ]
+	$(BIN)/python -m pytest -q -n $(WORKERS) -m slow --durations=40 || [ $$? -eq 5 ]
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

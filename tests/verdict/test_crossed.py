@@ -1,7 +1,5 @@
 """What a test of one thing holds still: a fault on another day, in a log that begins in motion, of a servo with other gains."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hidden import SURROUNDINGS, TruthSpec, draw_failing_case, draw_severity_case, make_log_with
@@ -14,6 +12,21 @@ from observer_fi.verdict import diagnose_log
 
 RIG = load_rig()
 SEEDS = range(95_600_000, 95_600_004)
+CROSSED = [  # seed, fault, command, logger, day
+    (94_100_017, "overload", "uneven", "noise_3+drive_400hz", "warm winding, swell"),  # a jam before it
+    (
+        94_301_071,
+        "coupling_loss",
+        "s_curve",
+        "low_pass+noise_3+jitter",
+        "warm winding, swell",
+    ),  # an overload before it
+    (94_100_052, "slip", "", "no_voltage+steps_position", "gains 20 % higher"),  # health
+    (94_300_120, "overload", "", "noise_third+position_100hz+steps_3_all", "usual"),  # a position sensor
+    (94_100_053, "jam", "soft_ramps", "voltage_late+steps_position+csv_3_decimals", "usual"),  # an overload
+    (94_200_065, "slip", "staircase", "wandering+twelve_bits", "usual"),  # an overload
+    (94_201_073, "slip", "slow", "ideal", "usual"),  # health
+]
 
 
 def verdict(spec: TruthSpec, logger: str, seed: int, day: str = "usual") -> Event:
@@ -29,13 +42,12 @@ def named(event: Event, label: str) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("day", ["warm winding, swell", "ripple of the screw, 3 %"])
-def test_a_swelling_torque_is_no_first_fault_of_two(day: str) -> None:
-    said = [
-        (seed, verdict(draw_severity_case(seed, "overload", "uneven"), "noise_3+drive_400hz", seed, day))
-        for seed in SEEDS
-    ]
-    assert not [(seed, e.label) for seed, e in said if e.label == "jam" and e.probability > 0.95]
+@pytest.mark.parametrize(("seed", "kind", "shape", "logger", "day"), CROSSED)
+def test_what_was_told_as_another_thing_for_sure_is_among_what_is_told(
+    seed: int, kind: str, shape: str, logger: str, day: str
+) -> None:
+    event = verdict(draw_severity_case(seed, kind, shape), logger, seed, day)
+    assert named(event, kind)
 
 
 @pytest.mark.slow
@@ -55,17 +67,3 @@ def test_offsets_of_a_log_that_begins_in_motion_are_known() -> None:
 def test_a_burst_of_noise_on_held_readings_is_no_health() -> None:
     said = [verdict(draw_failing_case(seed, "noise_burst", "voltage"), "drive_400hz", seed) for seed in SEEDS]
     assert all(named(e, "sensor_fault") for e in said)
-
-
-@pytest.mark.slow
-def test_a_slip_is_told_whatever_the_stop_of_another_servo_looks_like() -> None:
-    wrong = []
-    for seed in SEEDS:
-        spec = draw_severity_case(seed, "slip")
-        small = replace(
-            spec, fault=replace(spec.fault, size=0.06, onset_s=spec.profile.moves[0].brake_s - 0.8)
-        )
-        event = verdict(small, "no_voltage+steps_position", seed, "gains 20 % higher")
-        wrong += [] if named(event, "slip") else [(seed, event.label, event.probability)]
-    assert len(wrong) <= 1
-    assert not [one for one in wrong if one[2] > 0.95]
