@@ -28,7 +28,7 @@ from observer_fi.bank.hypotheses import (
 )
 from observer_fi.bank.log_feed import usual_step
 from observer_fi.bank.packing import bank_rows, tuning
-from observer_fi.bank.rig_scale import ROOMS, between_samples, usual_errors, with_room
+from observer_fi.bank.rig_scale import ROOMS, between_samples, usual_errors, with_room, with_servo_error
 from observer_fi.bank.work_arrays import work_arrays
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ __all__ = [
     "usual_errors",
     "usual_step",
     "with_room",
+    "with_servo_error",
 ]
 
 

@@ -74,6 +74,12 @@ def with_errors(settings: BankSettings, rig: Rig) -> BankSettings:
     return replace(changed, diffusion=settings.diffusion | diffusion)
 
 
+def with_servo_error(settings: BankSettings, rig: Rig, least: float) -> BankSettings:
+    """Settings in which the error of the servo's equation is no less than `least` [A per root of a second]."""
+    scaled = least / (scale_of(rig.model).integral * rig.model["Ki"])
+    return replace(settings, diffusion=settings.diffusion | {"I": max(scaled, settings.diffusion["I"])})
+
+
 class Room(NamedTuple):
     """What a day brings to the mechanics. friction: growth of its relative deviation per root of a second; torque: errors of the
     motor's torque over the usual ones.

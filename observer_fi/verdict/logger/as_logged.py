@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from observer_fi.bank import between_samples, repeat_share
+from observer_fi.bank import between_samples, repeat_share, with_servo_error
 from observer_fi.logs import (
     SHORTEST_REST,
     Hum,
@@ -45,6 +45,9 @@ FEWEST_RESTS = 3  # that say the same of a line: two say it of any
 QUIET = 1.25  # times its expected NIS: a start whose lines are out of it is explained as well as this, or they were others
 SAME_NOISE = 0.1  # relative: less is no news
 LEARNABLE = SHORTEST_REST  # samples of a stream
+OF_COMMAND = (
+    2.0  # times what noise of a command does through the integral: it is in the proportional part too
+)
 
 
 class AsLogged:
@@ -132,8 +135,8 @@ class AsLogged:
         self.acquisition = as_in_motion(read, log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
-        told = self._for_the_command(settings, log, rig)
-        usual = between_samples(for_readings(told, rig, log.z), rig, log.rate_hz)
+        told = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
+        usual = self._for_the_command(told, log, rig)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
         self.settings = replace(usual, glitch_nis=min(SPIKE_NIS, usual.glitch_nis)) if spiky else usual
         self.day, self.offset = Day(), electrical_offset(self.acquisition, rig)
@@ -173,7 +176,7 @@ class AsLogged:
             current.as_white * (1.0 / model["Kp"] - model["Rm"] / model["Km"]),
         )
         walks = float(np.hypot(*np.nan_to_num(noise))) / math.sqrt(log.rate_hz)
-        return replace(settings, diffusion={**settings.diffusion, "I": max(walks, settings.diffusion["I"])})
+        return with_servo_error(settings, rig, OF_COMMAND * walks * model["Ki"])
 
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""
