@@ -103,7 +103,7 @@ def _bridged(t: Array, shown: Array, known: Mask) -> Array:
 def _with_levels(smooth: Array, levels: Sequence[Level], near_by: float, count: int) -> Array:
     """The smoothed command, less what the first rest is off 0, at one speed where a rest or most of a level stands still.
 
-    near_by: of a single sample [rad/s]; count: of samples in a mean, which at the end of a log has fewer.
+    near_by: of a single sample [rad/s]; count: of samples in a mean, which at the end of a log tells less.
     """
     out, least = smooth - np.median(smooth[levels[0].samples]), near_by / count**0.5
     for level in levels:
@@ -117,6 +117,7 @@ def _with_levels(smooth: Array, levels: Sequence[Level], near_by: float, count: 
 
 
 def _smoothed(values: Array, count: int) -> Array:
-    """Means of `count` samples around each, of fewer at the ends."""
-    around = np.ones(count)
-    return np.convolve(values, around, "same") / np.convolve(np.ones(values.size), around, "same")
+    """Means of `count` samples around each; at the ends, where a log may begin or stop in a ramp, the line through as many."""
+    from scipy.signal import savgol_filter  # a second to import, for logs without a command
+
+    return np.asarray(savgol_filter(values, count, 1)) if count > 1 else values

@@ -40,6 +40,18 @@ def test_a_rest_is_exactly_0_however_softly_a_move_begins(shape: str) -> None:
         assert (log.w_cmd[: moves_from_rest(log)[0].start // 2] == 0.0).all(), seed
 
 
+def test_a_log_may_end_in_a_ramp() -> None:
+    """The last samples have no others behind them, and their mean would be of an earlier command."""
+    for seed in SEEDS:
+        spec = draw_severity_case(seed, "nominal", "soft_ramps")
+        frame = make_log_with("no_command", spec, seed)[0]
+        times, speeds = spec.profile.curve
+        frame = frame[frame.time_s < 0.5 * (times[-2] + times[-1])]
+        log = with_command(log_from_frame(frame), RIG)
+        off = (log.w_cmd - np.interp(log.t, times, speeds))[-4:]
+        assert is_shown(log) and abs(off.mean()) < 0.002 * max(map(abs, speeds)), seed
+
+
 @pytest.mark.parametrize("day", ["winding 30 K warmer", "supply 12 % lower", "gains 20 % higher"])
 def test_steep_ramps_stay_what_the_rig_file_says_on_any_day(day: str) -> None:
     assert not any(is_shown(recovered("", day, seed)[0]) for seed in SEEDS)
