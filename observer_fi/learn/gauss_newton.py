@@ -261,12 +261,16 @@ def scales(free: Sequence[Free]) -> Array:
     return np.array([f.step for f in free])
 
 
+UNTOLD = 1e-12  # what readings say at least of a parameter, per square of its step: a million steps wide is not told
+
+
 def covariance_of(free: Sequence[Free], normal: Normal) -> Array:
-    """(k, k) covariance for white residuals of unit size, priors included [SI]."""
+    """(k, k) covariance for white residuals of unit size, priors included [SI]; wide in directions that nothing tells."""
     unit = scales(free)
     H = normal.H.sum(axis=0) + np.diag([f.prior_weight for f in free])
-    d = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    inverse = np.linalg.pinv(H / np.outer(d, d), rcond=_CONDITION, hermitian=True)
+    d = np.sqrt(np.maximum(np.diag(H), UNTOLD))
+    told, directions = np.linalg.eigh(H / np.outer(d, d))
+    inverse = directions / np.maximum(told, _CONDITION * told.max()) @ directions.T
     return inverse / np.outer(d, d) * np.outer(unit, unit)
 
 
