@@ -77,7 +77,12 @@ def as_shown(log: Log, shown: Shown, w_cmd: Array, levels: Sequence[Level], mode
         return None
     span = min(quarter_of_a_ring(model), takes / OF_RAMP)
     count = 2 * round(0.5 * span / float(np.median(np.diff(log.t)))) + 1
-    return _with_levels(_smoothed(whole, count), levels, STANDS * shown.noise, count)
+    smooth = _with_levels(_smoothed(whole, count), levels, STANDS * shown.noise, count)
+    for a, b in constant_runs((np.diff(smooth, append=np.nan) == 0.0).astype(np.int8)):
+        if b < smooth.size and smooth[a] == smooth[b]:
+            _straighten(smooth[:a], whole[:a], smooth[a], count)
+            _straighten(smooth[b + 1 :][::-1], whole[b + 1 :][::-1], smooth[a], count)
+    return smooth
 
 
 def _highest(voltage: Array) -> Mask:
@@ -113,7 +118,33 @@ def _with_levels(smooth: Array, levels: Sequence[Level], near_by: float, count: 
             end = level.first + int(near[-1]) + 1
             over = level is levels[-1] and (np.abs(out[end:] - level.speed) < near_by).all()
             out[begin : None if over else end] = level.speed
-    return out
+    return _with_last_rest(out, near_by, least)
+
+
+def _straighten(smooth: Array, whole: Array, level: float, count: int) -> None:
+    """Let a ramp before a level, at the end of (n,) samples, go straight up to it in place of means over `count` samples, which
+    round its corner, where that describes what is shown better: a command that is not 0 yet is motion.
+    """
+    if smooth.size < 2 * count:
+        return
+    at = np.arange(-2 * count, 0)
+    slope, end = np.polyfit(at[:count], whole[at[:count]] - level, 1)
+    line, way = slope * at[count:] + end, np.sign(whole[at[:count]].mean() - level)
+    line = level + np.where(way * line < 0.0, 0.0, line)
+    near = whole[-count:]
+    if float(((near - line) ** 2).sum()) < float(((near - smooth[-count:]) ** 2).sum()):
+        smooth[-count:] = line
+
+
+def _with_last_rest(command: Array, near_by: float, least: float) -> Array:
+    """The command, 0 from where it first is within `least` [rad/s] of that if it stays `near_by` to the end: a rest too short for
+    a level."""
+    away = np.flatnonzero(np.abs(command) >= near_by)
+    ends = int(away[-1]) + 1 if away.size else 0
+    rest = np.flatnonzero(np.abs(command[ends:]) < least)
+    if rest.size:
+        command[ends + int(rest[0]) :] = 0.0
+    return command
 
 
 def _smoothed(values: Array, count: int) -> Array:

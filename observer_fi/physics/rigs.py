@@ -166,6 +166,13 @@ class Rig:
         return DRIVES["voltage"] if self.driven.servo and guessed else self.driven
 
     @property
+    def without_servo(self) -> "Rig":
+        """This rig with guesses for the constants of its servo, and without what its equation was found to be off."""
+        guesses = {n: replace(q, method=GUESS) for n, q in self.quantities.items() if n in SERVOS_OWN}
+        errors = {name: size for name, size in self.errors.items() if name != "servo"}
+        return replace(self, quantities={**self.quantities, **guesses}, errors=errors)
+
+    @property
     def law(self) -> CommandLaw | None:
         """The law that makes the commanded speed of other columns. Where nobody knows the servo, a command so low that friction
         may hold the motor against it is none; where logs have told the mechanics and no gain of a loop, as of one that is fed

@@ -47,6 +47,7 @@ from observer_fi.verdict.isolate import (
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.as_shown import as_shown_to
 from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.logger.changed_noise import or_a_changed_noise
@@ -124,11 +125,11 @@ def diagnose(
 
     progress: is told what share of the log was judged. Raises InvalidLogError with the one line for the user.
     """
-    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     file = open_log(path, columns)
     recovered = None
     if rig.law is None and (rig.driven.command or not file.has_command):
-        recovered = with_command(read_log(path, columns), rig)
+        recovered, rig = as_shown_to(with_command(read_log(path, columns), rig), rig)
+    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
@@ -206,7 +207,7 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
-    given = with_command(log, rig)
+    given, rig = as_shown_to(with_command(log, rig), rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
     for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):

@@ -27,7 +27,7 @@ from observer_fi.verdict.drift import (
 )
 from observer_fi.verdict.drive_off import may_be_off
 from observer_fi.verdict.isolate import OF_THE_REST, healthy
-from observer_fi.verdict.moves.naming import FAR, Naming, shown
+from observer_fi.verdict.moves.naming import FAR, Naming, draws_on, shown
 from observer_fi.verdict.moves.pairs import Explained, Pairs
 from observer_fi.verdict.moves.second_fault import first_misfit
 from observer_fi.verdict.moves.stories import Story, constant, in_order
@@ -159,7 +159,7 @@ class LastWord:
         if stories:
             gain = stories[0].gain
             self.explained[event.start_s] = Explained(whole.in_motion() + gain, gain)
-            told = _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0])
+            told = _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0], whole)
             return self._or_the_better(told, event, paths, stories[0].gain, whole)
         return self._without_a_story(event, paths, whole, doubted)
 
@@ -329,11 +329,13 @@ class LastWord:
         return _from_where_it_is_known(whole) if at_once else whole
 
 
-def _or_the_banks(told: Event, event: Event, paths: Sequence[Path], best: Story) -> Event:
+def _or_the_banks(told: Event, event: Event, paths: Sequence[Path], best: Story, whole: WholeMove) -> Event:
     """What the whole move says, or as well the fault of which the bank is sure, where that explains the move best of all but with
-    constants that are not believable: those of a data sheet are guesses."""
-    known = event.label not in (NOMINAL, UNKNOWN, told.label, *told.alike)
-    if not known or not any(p.hypothesis.label == event.label and p.gain >= best.gain for p in paths):
+    constants that are not believable: those of a data sheet are guesses. An obstacle that draws the mass on is none."""
+    if event.label in (NOMINAL, UNKNOWN, told.label, *told.alike):
+        return told
+    better = (p for p in paths if p.hypothesis.label == event.label and p.gain >= best.gain)
+    if all(draws_on(path, whole) for path in better):
         return told
     why = f"of {FAULTS[event.label].title.lower()}, which explains this move better, the constants are not believable"
     return or_as_well(told, event.label, why)

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from campaigns import NOISE, RIG, campaign
 
-from observer_fi.learn.gauss_newton import FEWEST_MOVES, Free, Normal, Point, newton_step, project, scatter
+from observer_fi.learn.gauss_newton import (
+    FEWEST_MOVES,
+    Free,
+    Normal,
+    Point,
+    covariance_of,
+    newton_step,
+    project,
+    scatter,
+)
 from observer_fi.learn.move_data import prepare, select, simulate
 from observer_fi.learn.output_error import fit, without_moves
 from observer_fi.logs.moves import moves_from_rest
@@ -159,3 +168,17 @@ def test_a_parameter_with_which_a_simulation_runs_away_stays_where_it_is(far: fl
     point = Point(values, np.zeros((experiment.moves, 2)), 3.0 * columns[0], 0.0)
     step = newton_step(free, values, project(problem, columns, rng.normal(size=columns.shape), point))
     assert step[1] == 0.0 and step[0] == pytest.approx(3.0, rel=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12], ids=["exactly", "but for rounding"])
+def test_what_nothing_tells_is_wide(noise: float) -> None:
+    """Of a fit that has lost the motion: nothing tells the inertia, and of two constants only their sum is told."""
+    free = parameters("J", "A", "B", "Rm", relative=np.inf)
+    H = np.diag([0.0, 1.0, 1.0, 4.0])
+    H[1, 2] = H[2, 1] = 1.0
+    H[0, 3] = H[3, 0] = noise
+    covariance = covariance_of(free, Normal(H[None], np.zeros((1, 4)), np.zeros((1, 2)), np.zeros((1, 2, 4))))
+    steps = np.sqrt(np.diag(covariance)) / [f.step for f in free]
+    assert (steps[:3] > 1e5).all() and steps[3] == pytest.approx(0.5, rel=0.1)
+    sum_of = np.array([0.0, 1.0, 1.0, 0.0]) / [f.step for f in free]
+    assert float(sum_of @ covariance @ sum_of) == pytest.approx(1.0, rel=1e-3)

@@ -52,6 +52,25 @@ def test_a_log_may_end_in_a_ramp() -> None:
         assert is_shown(log) and abs(off.mean()) < 0.002 * max(map(abs, speeds)), seed
 
 
+def test_corners_are_as_sharp_as_they_were() -> None:
+    """Means over a quarter of a ring round them, and a command that is not 0 yet is motion."""
+    for seed in SEEDS:
+        log, _ = recovered("soft_ramps", "usual", seed)
+        spec = draw_severity_case(seed, "nominal", "soft_ramps")
+        told = command_at(spec.profile, spec.rig.accel, log.t)
+        stands = (told == 0.0) & (log.t > spec.profile.curve[0][-1] + 0.002)
+        assert is_shown(log) and (log.w_cmd[stands] == 0.0).all(), seed
+        assert np.abs(log.w_cmd - told).max() < 0.005 * np.abs(told).max(), seed
+
+
+def test_a_last_rest_may_be_short() -> None:
+    for seed in SEEDS:
+        spec = draw_severity_case(seed, "nominal", "soft_ramps")
+        frame = make_log_with("no_command", spec, seed)[0]
+        log = with_command(log_from_frame(frame[frame.time_s < spec.profile.curve[0][-1] + 0.02]), RIG)
+        assert is_shown(log) and (log.w_cmd[-16:] == 0.0).all(), seed
+
+
 @pytest.mark.parametrize("day", ["winding 30 K warmer", "supply 12 % lower", "gains 20 % higher"])
 def test_steep_ramps_stay_what_the_rig_file_says_on_any_day(day: str) -> None:
     assert not any(is_shown(recovered("", day, seed)[0]) for seed in SEEDS)

@@ -16,7 +16,7 @@ from observer_fi.physics import Rig, load_rig, with_values
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.moves.naming import NEARLY, Naming, _as_far_as_it_fits
+from observer_fi.verdict.moves.naming import NEARLY, Naming, _as_far_as_it_fits, draws_on
 from observer_fi.verdict.moves.unloaded import or_frozen
 from observer_fi.verdict.moves.whole_move import FITS, Path
 from observer_fi.verdict.testable import not_tested
@@ -82,6 +82,23 @@ def test_what_is_left_of_the_friction_is_no_more_than_all_whatever_was_guessed(
     assert Naming(rig, SETTINGS.decision)._believable(path, own, whole) is (
         believable or of_all / guess <= own.high
     )
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(("depth", "obstacle"), [(1e-4, True), (-1e-5, True), (-1e-4, False)])
+def test_an_obstacle_that_draws_the_mass_on_is_none(way: float, depth: float, obstacle: bool) -> None:
+    """It would take a load that fell, of a coupling that let go, for a stop. What is next to nothing may have begun late."""
+    law = next(h for h in of_a_move(RIG, SETTINGS.bank) if h.name == "overload")
+    x, P = np.ones(len(law.states)), np.diag(np.full(len(law.states), 1e-10))
+    x[law.states.index("E")], x[law.states.index("d")] = 1.0, way * depth
+    none = np.zeros(3)
+    path = Path(
+        law, 0, None, 100.0, HypothesisState(x, P, none, none, none, none, none, none, none), 3.0, 0.0
+    )
+    whole: Any = SimpleNamespace(direction=lambda begin, end: way)
+    assert draws_on(path, whole) is not obstacle
+    coupling = next(h for h in of_a_move(RIG, SETTINGS.bank) if h.name == "coupling_loss")
+    assert not draws_on(path._replace(hypothesis=coupling), whole)
 
 
 def fitting(label: str, gain: float, misfit: float) -> Any:

@@ -31,6 +31,7 @@ from observer_fi.logs import (
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
+from observer_fi.verdict.logger.as_shown import walk_of
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
 from observer_fi.verdict.logger.offset import as_in_motion, electrical_offset
@@ -168,15 +169,9 @@ class AsLogged:
 
     def _for_the_command(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
         """The settings; where the command has the noise of the readings (`loop_command`), an integral that walks with it."""
-        if not is_shown(log):
+        if not (is_shown(log) and rig.watched.servo):
             return settings
-        model, (voltage, current) = rig.model, self.acquisition[:2]
-        noise = (
-            voltage.as_white / model["Km"],
-            current.as_white * (1.0 / model["Kp"] - model["Rm"] / model["Km"]),
-        )
-        walks = float(np.hypot(*np.nan_to_num(noise))) / math.sqrt(log.rate_hz)
-        return with_servo_error(settings, rig, OF_COMMAND * walks * model["Ki"])
+        return with_servo_error(settings, rig, OF_COMMAND * walk_of(self.acquisition, rig, log.rate_hz))
 
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""

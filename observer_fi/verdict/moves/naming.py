@@ -181,10 +181,10 @@ class Naming:
         A soft stop without stiffness is a slip; a mass that has lost all its travel without any change of the load is a position
         that stands still, and one that outruns the motor a position that is wrong. The evidence of a special case is the
         posterior density of its constant over the prior one (Dickey 1971). A mass that stands while the load grows is none of
-        these.
+        these, nor is one that an obstacle draws on.
         """
         mode, held = path.hypothesis.name, {own.name: own for own in path.hypothesis.own}
-        if _stands_under_load(path) or self._load_in_a_stop(path, whole):
+        if _stands_under_load(path) or draws_on(path, whole) or self._load_in_a_stop(path, whole):
             return
         if all(self._believable(path, own, whole) for own in held.values()) and _resists(path):
             yield Story(mode, path.gain + self._as_in_the_file(path), path)
@@ -359,6 +359,15 @@ def _presses(path: Path) -> bool:
         return False
     value, std = load_of_a_spring(path) if "torque" in own else constant(path, own["C"])
     return value > BELIEVABLE * std
+
+
+def draws_on(path: Path, whole: WholeMove) -> bool:
+    """Whether a path takes a load that fell for an obstacle that draws the mass on: none does."""
+    if not {"C", "d"} <= {o.name for o in path.hypothesis.own}:
+        return False
+    k = path.hypothesis.states.index("d")
+    depth = whole.direction(path.begin, path.end) * float(path.memory.x[k])
+    return depth < -BELIEVABLE * math.sqrt(max(float(path.memory.P[k, k]), 0.0))
 
 
 def _stands_under_load(path: Path) -> bool:

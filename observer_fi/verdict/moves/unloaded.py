@@ -153,7 +153,7 @@ def lost_reading(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[floa
     read = np.flatnonzero(np.abs(y) > NOTHING * rig.noise_std[c])
     first = int(read[-1]) + 1 if read.size else t.size
     earlier = (t >= t[first] - BEFORE_S[0] - _longer(t)) & (t < t[first]) if first < t.size else there[:0]
-    if first >= t.size or np.abs(y[earlier]).mean() < READS * rig.noise_std[c]:
+    if not earlier.any() or np.abs(y[earlier]).mean() < READS * rig.noise_std[c]:
         return None
     before = slope_of(t[earlier], x[earlier])
     coast = 0.0 if before is None else abs(before) / rig.model["D"] * rig.model["J"] / rig.model["A"]
