@@ -75,9 +75,14 @@ def with_errors(settings: BankSettings, rig: Rig) -> BankSettings:
 
 
 def with_servo_error(settings: BankSettings, rig: Rig, least: float) -> BankSettings:
-    """Settings in which the error of the servo's equation is no less than `least` [A per root of a second]."""
-    scaled = least / (scale_of(rig.model).integral * rig.model["Ki"])
-    return replace(settings, diffusion=settings.diffusion | {"I": max(scaled, settings.diffusion["I"])})
+    """Settings in which the error of the servo's equation, of an unknown servo all that it does, is no less than `least`
+    [A per root of a second].
+    """
+    scale = scale_of(rig.model)
+    if not rig.watched.servo:
+        return replace(settings, free_current=max(least / scale.current, settings.free_current))
+    least /= scale.integral * rig.model["Ki"]
+    return replace(settings, diffusion=settings.diffusion | {"I": max(least, settings.diffusion["I"])})
 
 
 class Room(NamedTuple):

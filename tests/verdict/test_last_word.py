@@ -127,7 +127,13 @@ def test_a_mass_that_outruns_a_motor_under_a_load_is_no_position_that_lies(
         for h in (*of_a_move(RIG, Settings().bank), *other_laws(RIG, Settings().bank))
         if h.name == "overload"
     ]
-    whole: Any = SimpleNamespace(moving=1000, interval=1e-3, friction=lambda k: 1.0, against=lambda path: 1.0)
+    whole: Any = SimpleNamespace(
+        moving=1000,
+        interval=1e-3,
+        friction=lambda k: 1.0,
+        against=lambda path: 1.0,
+        direction=lambda *at: 1.0,
+    )
     for law in obstacles:
         held = "torque" if "torque" in law.states else "C"
         n, k, lost = len(law.states), law.states.index(held), law.states.index("E")

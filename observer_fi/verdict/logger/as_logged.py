@@ -49,6 +49,9 @@ LEARNABLE = SHORTEST_REST  # samples of a stream
 # Times what the noise of a command does through the integral: it is in the proportional part too. At 2 and 4 times some healthy
 # soft starts of learned rigs were obstacles at 0.95.
 OF_COMMAND = 8.0
+# Samples that a current must go on changing for, and standard deviations that a change of each of them may be: of a reversal
+# without a rest a filter with less room made a fault without a name.
+LASTING, PEAK = 5, 4.0
 
 
 class AsLogged:
@@ -137,7 +140,7 @@ class AsLogged:
         rig = replace(rig, logger=None) if rig.logger else rig
         self.readings = Readings(self.acquisition, log.rate_hz, rig.noise_std)
         told = between_samples(for_readings(settings, rig, log.z), rig, log.rate_hz)
-        usual = self._for_the_command(told, log, rig)
+        usual = self._for_the_servo(told, log, rig)
         spiky = any(channel.spikes for channel in self.acquisition[:3])
         self.settings = replace(usual, glitch_nis=min(SPIKE_NIS, usual.glitch_nis)) if spiky else usual
         self.day, self.offset = Day(), electrical_offset(self.acquisition, rig)
@@ -167,9 +170,15 @@ class AsLogged:
         self._begin(log, rig)
         return start
 
-    def _for_the_command(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
-        """The settings; where the command has the noise of the readings (`loop_command`), an integral that walks with it."""
-        if not (is_shown(log) and rig.watched.servo):
+    def _for_the_servo(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
+        """The settings with room for what the servo does.
+
+        An unknown one: for the fastest change of the current that this log shows; a known one: for an integral that walks where
+        the command has the noise of the readings.
+        """
+        if not rig.watched.servo:
+            return with_servo_error(settings, rig, fastest_current(log) / PEAK)
+        if not is_shown(log):
             return settings
         return with_servo_error(settings, rig, OF_COMMAND * walk_of(self.acquisition, rig, log.rate_hz))
 
@@ -285,6 +294,19 @@ class AsLogged:
         """A chunk on an even clock, without gain and offset of its voltage."""
         log = self._true(self._on_even_clock(log))
         return replace(log, z=log.z - np.array([self.offset, 0.0, 0.0])) if self.offset else log
+
+
+def fastest_current(log: Log) -> float:
+    """How fast the current of a log changes at most [A per root of a second], as random steps of each sample would.
+
+    For as long as an unknown servo takes for a ramp, which no jump of a sensor lasts.
+    """
+    i = log.z[np.isfinite(log.z[:, 1]), 1]
+    if i.size <= LASTING:
+        return 0.0
+    steps = np.lib.stride_tricks.sliding_window_view(np.diff(i), LASTING)
+    lasting = np.minimum(np.abs(steps.mean(axis=1)), np.abs(np.median(steps, axis=1)))
+    return float(lasting.max()) * math.sqrt(log.rate_hz)
 
 
 def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:
