@@ -291,12 +291,12 @@ def test_every_limit_of_the_study_is_a_parameter():
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
-    """50 rigs: 95 % intervals hold in 90 to 99 %, with the binomial's two standard errors on either side."""
-    trials = study.run_all(range(7000, 7050), workers=1, diagnoses=False)
+    """20 rigs: 95 % intervals hold in 90 to 99 %, with the binomial's two standard errors on either side."""
+    trials = study.run_all(range(7000, 7020), workers=1, diagnoses=False)
     for name in dict.fromkeys(e.name for t in trials for e in t.estimates):
         some = [e for t in trials for e in t.estimates if e.name == name]
-        assert len(some) > 45, name
-        assert 0.82 <= np.mean([e.held for e in some]) <= 1.0, name
+        assert len(some) > 17, name
+        assert 0.77 <= np.mean([e.held for e in some]) <= 1.0, name
         error = np.median([abs(e.value - e.truth) for e in some])
         if name in study.LIMITS:
             assert 100.0 * error < study.LIMITS[name] * abs(some[0].truth), name

@@ -16,7 +16,7 @@ from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import diagnose_log
-from observer_fi.verdict.logger.as_logged import AsLogged, electrical_offset
+from observer_fi.verdict.logger.as_logged import AsLogged, electrical_offset, fastest_current
 
 RIG, SETTINGS = load_rig(), BankSettings()
 LABELS = ("nominal", "overload", "coupling_loss")
@@ -202,3 +202,29 @@ def test_a_recovered_command_has_the_noise_of_its_readings(learned: float, frict
     least = rig.model["Ki"] * np.hypot(V, 0.5 * i * rig.model["Rm"]) / rig.model["Km"] / np.sqrt(log.rate_hz)
     assert usual_errors(known.settings, rig)["servo"] > least
     assert usual_errors(with_servo_error(SETTINGS, rig, 0.7), rig)["servo"] == pytest.approx(0.7)
+
+
+# --- a servo that nobody knows ----------------------------------------------------------------------
+
+
+def test_a_jump_of_a_sensor_is_no_fast_current() -> None:
+    """A ramp of the current, as long as it lasts, is; its noise is next to none of it."""
+    t = np.arange(2000) / 1600.0
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, t.size)
+
+    def fastest(current: np.ndarray) -> float:
+        z = np.stack([np.zeros(t.size), current, np.zeros(t.size)], axis=1)
+        return fastest_current(Log("made", t, z, np.zeros(t.size), np.zeros(t.size)))
+
+    ramp = np.interp(t, (0.5, 0.51), (0.0, 0.8))
+    assert fastest(ramp + noise) == pytest.approx(0.8 / 16.0 * 40.0, rel=0.05)
+    assert fastest(noise + (t > 0.5)) < 0.05 * fastest(ramp)
+    assert fastest(np.full(t.size, np.nan)) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["nominal", "jam"])
+def test_reversals_without_a_rest_of_an_unknown_servo_are_judged(kind: str) -> None:
+    """Healthy ones were faults without a name, and a jam between them an all-clear."""
+    spec = draw_severity_case(95_800_000, kind, "without_rests")
+    log = log_from_frame(make_log_with("ideal", spec, 95_800_000)[0])
+    assert diagnose_log(log, RIG.without_servo, Settings()).isolation.verdict.label == kind
