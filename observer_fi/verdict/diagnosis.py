@@ -125,11 +125,13 @@ def diagnose(
 
     progress: is told what share of the log was judged. Raises InvalidLogError with the one line for the user.
     """
-    file = open_log(path, columns)
-    recovered = None
+    begun = partial(
+        Diagnosis, settings=settings, engine=engine, filter_kind=filter_kind, detected_at=detected_at
+    )
+    run, file, recovered = begun(rig), open_log(path, columns), None
     if rig.law is None and (rig.driven.command or not file.has_command):
-        recovered, rig = as_shown_to(with_command(read_log(path, columns), rig), rig)
-    run = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+        recovered, watched = as_shown_to(with_command(read_log(path, columns), rig), rig)
+        run, rig = (run if watched is rig else begun(watched)), watched
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
@@ -141,7 +143,7 @@ def diagnose(
     begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
     outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
     for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
-        again = Diagnosis(rig, settings, engine, filter_kind, detected_at)
+        again = begun(rig)
         again.add_all(_pieces(other, progress))
         told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
         found = choose(outcome, told)
