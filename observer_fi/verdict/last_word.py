@@ -342,13 +342,13 @@ def _or_the_banks(told: Event, event: Event, paths: Sequence[Path], best: Story,
 
 
 def _fits_as(event: Event, paths: Sequence[Path], stories: Sequence[Story], whole: WholeMove) -> bool:
-    """Whether a path of the event's own channel describes the move, and nearly as much of it as any story."""
-    most = max(story.gain for story in stories)
-    own = (
-        path
-        for path in paths
-        if channel_of(path.hypothesis.name) == event.channel and path.gain >= WORSE * most
-    )
+    """Whether a path of the event's own channel describes the move, and nearly as much of it as any story.
+
+    As much, where that is a mass that has come loose: what lies of a motor stops no mass.
+    """
+    best = max(stories, key=lambda story: story.gain)
+    enough = best.gain * (1.0 if best.mode == "coupling_loss" else WORSE)
+    own = (p for p in paths if channel_of(p.hypothesis.name) == event.channel and p.gain >= enough)
     return any(path.nis <= FITS * whole.expected(path.hypothesis) for path in own)
 
 

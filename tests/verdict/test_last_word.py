@@ -623,3 +623,11 @@ def test_a_mass_that_falls_behind_little_by_little_is_no_voltage_that_misreads(
     frame = hidden.make_log_with(logger, hidden.draw_severity_case(seed, kind), seed)[0]
     found = diagnose_log(log_from_frame(frame), load_rig(), Settings()).isolation
     assert found is not None and found.verdict.label == "slip"
+
+
+def test_no_sensor_of_a_motor_that_nobody_knows_stops_its_mass() -> None:
+    """A voltage that lies explains nearly as much of a coupling that lets go, where what is left of the friction is all of it."""
+    spec = hidden.draw_severity_case(95_800_001, "coupling_loss", "uneven")
+    log = log_from_frame(hidden.make_log_with("ideal", spec, 95_800_001)[0])
+    verdict = diagnose_log(log, RIG.without_servo, Settings()).isolation.verdict
+    assert verdict.label == "coupling_loss" and verdict.onset_s == pytest.approx(spec.fault.onset_s, abs=0.01)
