@@ -138,9 +138,12 @@ class LastWord:
         paths, stories = self._near(doubted, event, whole)
         if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, stories, whole)):
             return event
-        named = any(story.mode != UNKNOWN for story in stories)
+        most = max((story.gain for story in stories if story.mode != UNKNOWN), default=-math.inf)
+        outdone = bool(paths) and paths[0].gain > most + self.settings.move_nats
         begun = doubted < whole.window.t[0]
-        if not named and (begun or any(self.naming.counts(path, whole, event) for path in paths)):
+        if (outdone or not math.isfinite(most)) and (
+            begun or any(self.naming.counts(path, whole, event) for path in paths)
+        ):
             later, stories = self._later(stories, event, whole)
             paths = paths or later
         if not stories and whole.n > whole.moving and doubted < whole.window.t[whole.moving - 1] - STOPPED_S:

@@ -136,7 +136,7 @@ class Naming:
         if _in_doubt(path, whole) or (whole.n > whole.moving and path.moving < self.settings.move_nats):
             more = max(shown(path), path.later)
             return min(path.gain, more) >= IN_A_STOP * self.settings.move_nats
-        rings = whole.window.t[path.begin] < event.start_s + SETTLED_S
+        rings = whole.window.t[path.begin] < event.start_s + SETTLED_S or _behind_a_turn(path, whole)
         stands = all(own.growth == 0.0 for own in path.hypothesis.own)
         more = min(path.later, shown(path) if stands else math.inf) if rings else math.inf
         return min(path.gain, more) >= self.settings.move_nats
@@ -326,6 +326,12 @@ def _in_doubt(path: Path, whole: WholeMove) -> bool:
     near = round(JUMPING_S / whole.interval)
     pitch = whole.window.theta[max(path.begin - near, 0) : path.begin + near]
     return bool((np.abs(np.diff(pitch)) > JUMP_DEG).any())
+
+
+def _behind_a_turn(path: Path, whole: WholeMove) -> bool:
+    """Whether a path begins in the ring of a reversal without a rest, in which a motor starts anew."""
+    before = whole.window.w_cmd[max(path.begin - round(SETTLED_S / whole.interval), 0) : path.begin + 1]
+    return bool(before.size and before.max() > 0.0 > before.min())
 
 
 def shown(path: Path) -> float:
