@@ -625,8 +625,8 @@ def test_a_mass_that_falls_behind_little_by_little_is_no_voltage_that_misreads(
     assert found is not None and found.verdict.label == "slip"
 
 
-# A coupling that lets go with all of its friction left, which a voltage that lies explains nearly as well; what begins anew in the
-# ring of a reversal; a jam later than what the best path of a doubt by chance, which has no name, had left to a sensor.
+# A coupling that lets go with all of its friction left, which a voltage that lies explains nearly as well; what begins anew in
+# the ring of a reversal; a jam later than what the best path of a doubt by chance, which has no name, had left to a sensor.
 @pytest.mark.parametrize(
     ("seed", "kind", "shape"),
     [
