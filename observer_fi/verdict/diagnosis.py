@@ -81,7 +81,7 @@ from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
 from observer_fi.verdict.stuck import of_a_stuck_sensor
-from observer_fi.verdict.testable import SURE_HZ, Testable, or_a_slip, or_an_obstacle, untested
+from observer_fi.verdict.testable import SURE_HZ, Testable, or_a_slip, or_an_obstacle, or_touched, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, or_unexplained, wrong_rig
 
 ONSETS_AGREE_S = 0.02
@@ -484,7 +484,7 @@ class Diagnosis:
             event = or_left_behind(event, memory, rig, alike)
         event = or_of_current(or_dead_voltage(event, memory, rig), memory, rig)
         event = or_stalled(or_still_turning(event, memory, rig, alike), memory)
-        event = or_a_slip(or_an_obstacle(event, self.rate, self.rig), memory, rig)
+        event = or_touched(or_a_slip(or_an_obstacle(event, self.rate, self.rig), memory, rig), memory)
         slow = self.rate < SURE_HZ and not self.rig.watched.servo
         return or_let_go(event, memory) if slow else event
 

@@ -39,6 +39,9 @@ LEARNED_FIRST = ("J", "A")  # what any healthy move tells
 # What one of a slow logger tells, too: its starts are too short for the inertia, and the errors that were learned with that of
 # the data sheet hold what it is off.
 FRICTION = ("A",)
+_THERE_AND_BACK = (
+    "the motor turned round meanwhile: what a slip takes and gives back, an obstacle that gives way does"
+)
 _PRESSES_NOT = "an obstacle that presses back with nothing is no other than a nut that slips"
 _LESS_THAN_A_STEP = (
     "current_a comes in steps of {}, and until the mass stopped an obstacle need not have brought one of them: a nut that slips "
@@ -107,6 +110,20 @@ def or_an_obstacle(event: Event, rate_hz: float, rig: Rig) -> Event:
         "no fault with a name"
     )
     return or_as_well(event, "overload", why)
+
+
+def or_touched(event: Event, bank: Bank) -> Event:
+    """A slip or, as likely, an obstacle that the mass touches and leaves, where the motor turned round meanwhile.
+
+    What a slip takes of the way there it gives back on the way back, as what gives way does.
+    """
+    recent = bank.recent
+    if event.label != "slip" or "overload" in event.alike or event.onset_s is None or recent is None:
+        return event
+    over = event.end_s if event.over_s is None else event.over_s
+    w_cmd = recent.w_cmd[(recent.t >= event.onset_s) & (recent.t <= over)]
+    turned = w_cmd.size > 0 and w_cmd.max() > 0.0 > w_cmd.min()
+    return or_as_well(event, "overload", _THERE_AND_BACK) if turned else event
 
 
 def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:

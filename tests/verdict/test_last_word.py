@@ -641,3 +641,13 @@ def test_moves_of_a_servo_that_nobody_knows_are_told(seed: int, kind: str, shape
     verdict = diagnose_log(log, RIG.without_servo, Settings()).isolation.verdict
     assert verdict.label == kind
     assert kind == "nominal" or verdict.onset_s == pytest.approx(spec.fault.onset_s, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", [95_800_003, 98_510_004])
+def test_an_obstacle_at_the_crest_of_a_sine_may_be_no_slip_for_sure(seed: int) -> None:
+    """What a nut takes on the way there and gives back on the way back, an obstacle that gives way does: it was a slip at 1.0."""
+    log = log_from_frame(
+        hidden.make_log_with("ideal", hidden.draw_severity_case(seed, "overload", "sine"), seed)[0]
+    )
+    verdict = diagnose_log(log, RIG, Settings()).isolation.verdict
+    assert "overload" in (verdict.label, *verdict.alike) and verdict.probability < 0.95
