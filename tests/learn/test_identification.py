@@ -291,12 +291,13 @@ def test_every_limit_of_the_study_is_a_parameter():
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
-    """20 rigs: 95 % intervals hold in 90 to 99 %, with the binomial's two standard errors on either side."""
+    """20 rigs: 95 % intervals hold in 90 to 99 % of all constants, and of each one within three standard errors of the binomial."""
     trials = study.run_all(range(7000, 7020), workers=1, diagnoses=False)
+    assert 0.9 <= np.mean([e.held for t in trials for e in t.estimates]) <= 0.99
     for name in dict.fromkeys(e.name for t in trials for e in t.estimates):
         some = [e for t in trials for e in t.estimates if e.name == name]
         assert len(some) > 17, name
-        assert 0.77 <= np.mean([e.held for e in some]) <= 1.0, name
+        assert np.mean([e.held for e in some]) >= 0.7, name
         error = np.median([abs(e.value - e.truth) for e in some])
         if name in study.LIMITS:
             assert 100.0 * error < study.LIMITS[name] * abs(some[0].truth), name
