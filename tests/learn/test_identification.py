@@ -291,7 +291,7 @@ def test_every_limit_of_the_study_is_a_parameter():
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
-    """20 rigs: 95 % intervals hold in 90 to 99 % of all constants, and of each one within three standard errors of the binomial."""
+    """20 rigs: 95 % intervals hold in 90 to 99 % of all constants, and of each within three standard errors of the binomial."""
     trials = study.run_all(range(7000, 7020), workers=1, diagnoses=False)
     assert 0.9 <= np.mean([e.held for t in trials for e in t.estimates]) <= 0.99
     for name in dict.fromkeys(e.name for t in trials for e in t.estimates):
