@@ -72,6 +72,7 @@ from observer_fi.logs.moves import (
     quarter_of_a_ring,
     quiet_speed,
     settling_time,
+    turns_round,
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
@@ -168,6 +169,7 @@ __all__ = [
     "recover_command",
     "settling_time",
     "suspect_units",
+    "turns_round",
     "with_command",
     "with_logger",
     "without_lines",

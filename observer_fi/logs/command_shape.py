@@ -78,11 +78,7 @@ def as_shown(log: Log, shown: Shown, w_cmd: Array, levels: Sequence[Level], mode
     span = min(quarter_of_a_ring(model), takes / OF_RAMP)
     count = 2 * round(0.5 * span / float(np.median(np.diff(log.t)))) + 1
     smooth = _with_levels(_smoothed(whole, count), levels, STANDS * shown.noise, count)
-    for a, b in constant_runs((np.diff(smooth, append=np.nan) == 0.0).astype(np.int8)):
-        if b < smooth.size and smooth[a] == smooth[b]:
-            _straighten(smooth[:a], whole[:a], smooth[a], count)
-            _straighten(smooth[b + 1 :][::-1], whole[b + 1 :][::-1], smooth[a], count)
-    return smooth
+    return _with_corners(smooth, whole, count)
 
 
 def _highest(voltage: Array) -> Mask:
@@ -119,6 +115,15 @@ def _with_levels(smooth: Array, levels: Sequence[Level], near_by: float, count: 
             over = level is levels[-1] and (np.abs(out[end:] - level.speed) < near_by).all()
             out[begin : None if over else end] = level.speed
     return _with_last_rest(out, near_by, least)
+
+
+def _with_corners(smooth: Array, whole: Array, count: int) -> Array:
+    """The smoothed command (n,) with the corners of its levels, those of constant speed, as sharp as `whole` (n,) shows them."""
+    for a, b in constant_runs((np.diff(smooth, append=np.nan) == 0.0).astype(np.int8)):
+        if b < smooth.size and smooth[a] == smooth[b]:
+            _straighten(smooth[:a], whole[:a], smooth[a], count)
+            _straighten(smooth[b + 1 :][::-1], whole[b + 1 :][::-1], smooth[a], count)
+    return smooth
 
 
 def _straighten(smooth: Array, whole: Array, level: float, count: int) -> None:

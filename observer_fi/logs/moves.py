@@ -12,6 +12,7 @@ from observer_fi.physics import Model
 from observer_fi.records import Array, Log, Segment
 
 QUIET_SPEED = 0.05  # rad/s: below this a command stands for rest
+BLIP = 20.0  # times that: what is slower, and short, is no motion
 QUIET_SHARE = 1e-3  # of the largest command; one sample of a ramp is a tenth of it
 SHORTEST_S = 0.005  # a pause or a blip shorter than this is no rest and no move
 STOPPING_S = 0.04  # s: in a shorter pause (a ringing of the loop) the motor still turns, as where a position loop overshoots
@@ -109,11 +110,17 @@ def quiet_speed(w_cmd: Array) -> float:
     return max(QUIET_SPEED, QUIET_SHARE * float(np.abs(w_cmd).max(initial=0.0)))
 
 
+def turns_round(w_cmd: Array, of: Array) -> bool:
+    """Whether a part (n,) of a command `of` (m,) goes both ways, faster than a blip of it [rad/s]."""
+    least = BLIP * quiet_speed(of)
+    return bool(w_cmd.max(initial=0.0) > least and w_cmd.min(initial=0.0) < -least)
+
+
 def _signs(t: Array, w_cmd: Array) -> Signs:
     """(n,) direction of the command, 0 at rest; short pauses are filled and short blips removed."""
     speed, quiet = np.abs(w_cmd), quiet_speed(w_cmd)
     signs: Signs = np.where(speed > quiet, np.sign(w_cmd), 0.0).astype(np.int8)
-    blip = 20.0 * quiet
+    blip = BLIP * quiet
     for a, b in constant_runs(signs):
         if b == signs.size or a == 0 or t[b] - t[a] >= SHORTEST_S or signs[a - 1] != signs[b]:
             continue

@@ -138,10 +138,8 @@ class LastWord:
         paths, stories = self._near(doubted, event, whole)
         if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, stories, whole)):
             return event
-        most = max((story.gain for story in stories if story.mode != UNKNOWN), default=-math.inf)
-        outdone = bool(paths) and paths[0].gain > most + self.settings.move_nats
         begun = doubted < whole.window.t[0]
-        if (outdone or not math.isfinite(most)) and (
+        if self._is_open(paths, stories) and (
             begun or any(self.naming.counts(path, whole, event) for path in paths)
         ):
             later, stories = self._later(stories, event, whole)
@@ -165,6 +163,11 @@ class LastWord:
             told = _or_the_banks(self.naming.told(event, stories, whole), event, paths, stories[0], whole)
             return self._or_the_better(told, event, paths, stories[0].gain, whole)
         return self._without_a_story(event, paths, whole, doubted)
+
+    def _is_open(self, paths: Sequence[Path], stories: Sequence[Story]) -> bool:
+        """Whether no story has a name, or a path that none is about explains the move better than all that have one."""
+        named = max((story.gain for story in stories if story.mode != UNKNOWN), default=None)
+        return named is None or (bool(paths) and paths[0].gain > named + self.settings.move_nats)
 
     def _without_a_story(
         self, event: Event, paths: Sequence[Path], whole: WholeMove, doubted: float

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.bank import Bank, log_feed
+from observer_fi.logs import turns_round
 from observer_fi.numerics import count_in_rows, digits, in_python, with_unit
 from observer_fi.physics import (
     FAULTS,
@@ -122,8 +123,7 @@ def or_touched(event: Event, bank: Bank) -> Event:
         return event
     over = event.end_s if event.over_s is None else event.over_s
     w_cmd = recent.w_cmd[(recent.t >= event.onset_s) & (recent.t <= over)]
-    turned = w_cmd.size > 0 and w_cmd.max() > 0.0 > w_cmd.min()
-    return or_as_well(event, "overload", _THERE_AND_BACK) if turned else event
+    return or_as_well(event, "overload", _THERE_AND_BACK) if turns_round(w_cmd, recent.w_cmd) else event
 
 
 def or_a_slip(event: Event, bank: Bank, rig: Rig) -> Event:

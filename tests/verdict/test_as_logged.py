@@ -220,11 +220,17 @@ def test_a_jump_of_a_sensor_is_no_fast_current() -> None:
     assert fastest(ramp + noise) == pytest.approx(0.8 / 16.0 * 40.0, rel=0.05)
     assert fastest(noise + (t > 0.5)) < 0.05 * fastest(ramp)
     assert fastest(np.full(t.size, np.nan)) == 0.0
+    held = np.where(
+        np.arange(t.size) % 2 == 0, ramp, np.nan
+    )  # twice as far from one reading to the next, in twice the time
+    assert fastest(held) == pytest.approx(np.sqrt(2.0) * fastest(ramp), rel=0.01)
 
 
-@pytest.mark.parametrize("kind", ["nominal", "jam"])
-def test_reversals_without_a_rest_of_an_unknown_servo_are_judged(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "logger"), [("nominal", "ideal"), ("nominal", "drive_400hz"), ("jam", "ideal")]
+)
+def test_reversals_without_a_rest_of_an_unknown_servo_are_judged(kind: str, logger: str) -> None:
     """Healthy ones were faults without a name, and a jam between them an all-clear."""
     spec = draw_severity_case(95_800_000, kind, "without_rests")
-    log = log_from_frame(make_log_with("ideal", spec, 95_800_000)[0])
+    log = log_from_frame(make_log_with(logger, spec, 95_800_000)[0])
     assert diagnose_log(log, RIG.without_servo, Settings()).isolation.verdict.label == kind

@@ -49,7 +49,7 @@ LEARNABLE = SHORTEST_REST  # samples of a stream
 # Times what the noise of a command does through the integral: it is in the proportional part too. At 2 and 4 times some healthy
 # soft starts of learned rigs were obstacles at 0.95.
 OF_COMMAND = 8.0
-# Samples that a current must go on changing for, and standard deviations that a change of each of them may be: of a reversal
+# Readings that a current must go on changing for, and standard deviations that a change of each of them may be: of a reversal
 # without a rest a filter with less room made a fault without a name.
 LASTING, PEAK = 5, 4.0
 
@@ -177,7 +177,8 @@ class AsLogged:
         the command has the noise of the readings.
         """
         if not rig.watched.servo:
-            return with_servo_error(settings, rig, fastest_current(log) / PEAK)
+            fresh = copy(self.readings).take(log)  # of held readings a change is that of several samples
+            return with_servo_error(settings, rig, fastest_current(fresh) / PEAK)
         if not is_shown(log):
             return settings
         return with_servo_error(settings, rig, OF_COMMAND * walk_of(self.acquisition, rig, log.rate_hz))
@@ -297,16 +298,16 @@ class AsLogged:
 
 
 def fastest_current(log: Log) -> float:
-    """How fast the current of a log changes at most [A per root of a second], as random steps of each sample would.
+    """How fast the current of a log changes at most [A per root of a second], as random steps between readings would.
 
     For as long as an unknown servo takes for a ramp, which no jump of a sensor lasts.
     """
-    i = log.z[np.isfinite(log.z[:, 1]), 1]
-    if i.size <= LASTING:
+    there = np.isfinite(log.z[:, 1])
+    if np.count_nonzero(there) <= LASTING:
         return 0.0
-    steps = np.lib.stride_tricks.sliding_window_view(np.diff(i), LASTING)
-    lasting = np.minimum(np.abs(steps.mean(axis=1)), np.abs(np.median(steps, axis=1)))
-    return float(lasting.max()) * math.sqrt(log.rate_hz)
+    walks = np.diff(log.z[there, 1]) / np.sqrt(np.diff(log.t[there]))
+    steps = np.lib.stride_tricks.sliding_window_view(walks, LASTING)
+    return float(np.minimum(np.abs(steps.mean(axis=1)), np.abs(np.median(steps, axis=1))).max())
 
 
 def _of(measured: Acquisition, before: Acquisition | None) -> Acquisition:

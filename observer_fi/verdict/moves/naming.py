@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from observer_fi.logs import turns_round
 from observer_fi.numerics import digits
 from observer_fi.physics import (
     COLUMNS,
@@ -331,7 +332,7 @@ def _in_doubt(path: Path, whole: WholeMove) -> bool:
 def _behind_a_turn(path: Path, whole: WholeMove) -> bool:
     """Whether a path begins in the ring of a reversal without a rest, in which a motor starts anew."""
     before = whole.window.w_cmd[max(path.begin - round(SETTLED_S / whole.interval), 0) : path.begin + 1]
-    return bool(before.size and before.max() > 0.0 > before.min())
+    return turns_round(before, whole.window.w_cmd)
 
 
 def shown(path: Path) -> float:
