@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer_fi.bank import transition as tr
-from observer_fi.bank.rig_scale import PAPERS_HZ, Scale, scale_of
+from observer_fi.bank.rig_scale import Scale, scale_of
 from observer_fi.errors import UsageError
 from observer_fi.physics import (
     FAULTS,
@@ -206,6 +206,7 @@ BY_CHANCE = math.sqrt(math.e)
 SLACK = (
     0.5  # nats that a repeat may gain beyond what chance allows: how often readings repeat is known to that
 )
+NO_NEWS = 1e6  # standard deviations
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
@@ -221,7 +222,7 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
     alone = np.array([False, "voltage_v" not in rig.watched.columns, False])
-    return np.where((rig.repeats > REPEATING) | alone, np.maximum(_foretold(rig, settings), 1.0), share)
+    return np.where((rig.repeats > REPEATING) | alone, NO_NEWS, share)
 
 
 def _usual(share: Array, rig: Rig) -> NDArray[np.bool_]:
@@ -237,20 +238,6 @@ def _usual(share: Array, rig: Rig) -> NDArray[np.bool_]:
         chance = np.log(BY_CHANCE * rig.repeats)
         apart = (rig.neighbour_std / (share * rig.noise_std)) ** 2
     return np.asarray((gained > apart) | (gained + chance > SLACK), dtype=np.bool_)
-
-
-def _foretold(rig: Rig, settings: BankSettings) -> Array:
-    """(3,) how closely voltage and current can be foretold where an unknown servo makes them, as a share of their noise.
-
-    Each by the other one; a current alone by nothing, however still it is held, and however rarely its noise repeats a reading.
-    One that repeats itself more closely than that is no news of its sensor.
-    """
-    voltage, current, _ = rig.noise_std
-    if "voltage_v" not in rig.watched.columns:
-        free = settings.free_current * scale_of(rig.model).current * math.sqrt(1.0 / PAPERS_HZ)
-        return np.array([1.0, free / current, 1.0])
-    ratio = rig.model["Rm"] * current / voltage
-    return np.array([ratio, 1.0 / ratio if ratio else 1.0, 1.0])
 
 
 def own_constants(hypotheses: tuple[Hypothesis, ...], n: int) -> np.ndarray:

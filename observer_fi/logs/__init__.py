@@ -51,7 +51,7 @@ from observer_fi.logs.logger.low_pass import (
     with_low_passes,
 )
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
-from observer_fi.logs.logger.noise_changes import NoiseChange, noise_change
+from observer_fi.logs.logger.noise_changes import NoiseChange, noise_change, shown_by
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
 from observer_fi.logs.logger.winding import (
     Uninductive,
@@ -143,6 +143,7 @@ __all__ = [
     "SWITCHED",
     "NoiseChange",
     "noise_change",
+    "shown_by",
     "FEWEST_STEPS",
     "PLAIN",
     "Parser",

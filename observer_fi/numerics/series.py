@@ -72,24 +72,25 @@ def _follow(y: Array, weight: float, mean: Array, out: Array) -> None:
             out[k, c] = mean[c]
 
 
-def first_beyond(y: Array, weight: float, mean: Array, seen: int, limit: float) -> int:
+def first_beyond(y: Array, weight: float, mean: Array, variance: Array, limit: float) -> int:
     """First row of y (n, k) whose exponentially weighted mean is beyond `limit` standard deviations of it, n where there is none.
 
-    y: standard normal where nothing is wrong, `seen` rows of it went before; mean (k,): see `weighted_means`. Such a mean of r
-    rows has the variance w / (2 - w) (1 - (1 - w)^2r) (Roberts 1959).
+    y: standard normal where nothing is wrong, NaN where there is none, which counts as nothing seen; mean, variance (k,): of what
+    went before, 0 where nothing did, updated in place. Of a mean of r rows in a row the variance is
+    w / (2 - w) (1 - (1 - w)^2r) (Roberts 1959).
     """
-    return int(_first_beyond(np.ascontiguousarray(y), weight, mean, (1.0 - weight) ** (2 * seen), limit))
+    return int(_first_beyond(np.ascontiguousarray(y), weight, mean, variance, limit))
 
 
 @uncounted
-def _first_beyond(y: Array, weight: float, mean: Array, left: float, limit: float) -> int:
-    first = y.shape[0]
+def _first_beyond(y: Array, weight: float, mean: Array, variance: Array, limit: float) -> int:
+    first, kept = y.shape[0], 1.0 - weight
     for k in range(y.shape[0]):
-        left *= (1.0 - weight) * (1.0 - weight)
-        most = limit * limit * weight / (2.0 - weight) * (1.0 - left)
         for c in range(y.shape[1]):
-            mean[c] = weight * y[k, c] + (1.0 - weight) * mean[c]
-            if mean[c] * mean[c] > most:
+            mean[c], variance[c] = kept * mean[c], kept * kept * variance[c]
+            if y[k, c] == y[k, c]:
+                mean[c], variance[c] = mean[c] + weight * y[k, c], variance[c] + weight * weight
+            if mean[c] * mean[c] > limit * limit * variance[c]:
                 first = min(first, k)
     return first
 

@@ -48,6 +48,7 @@ from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.as_shown import as_shown_to
+from observer_fi.verdict.logger.at_ticks import at_ticks, is_held
 from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
 from observer_fi.verdict.logger.changed_noise import or_a_changed_noise
@@ -65,12 +66,12 @@ from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
+from observer_fi.verdict.moves.one_alone import or_of_one_alone
 from observer_fi.verdict.moves.unloaded import (
     or_dead_voltage,
     or_frozen,
     or_left_behind,
     or_let_go,
-    or_of_current,
     or_stalled,
     or_still_turning,
     without_voltage,
@@ -132,6 +133,8 @@ def diagnose(
     if rig.law is None and (rig.driven.command or not file.has_command):
         recovered, watched = as_shown_to(with_command(read_log(path, columns), rig), rig)
         run, rig = (run if watched is rig else begun(watched)), watched
+    if is_held(next(open_log(path, columns).chunks()) if recovered is None else recovered, rig):
+        recovered = at_ticks(read_log(path, columns) if recovered is None else recovered, rig)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
@@ -210,6 +213,7 @@ def judged(
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given, rig = as_shown_to(with_command(log, rig), rig)
+    given = at_ticks(given, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
     for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
@@ -482,7 +486,7 @@ class Diagnosis:
         if self.isolator.channels.lacks("voltage") and not self._servo_tells():
             event = without_voltage(event, memory, rig, alike)
             event = or_left_behind(event, memory, rig, alike)
-        event = or_of_current(or_dead_voltage(event, memory, rig), memory, rig)
+        event = or_of_one_alone(or_dead_voltage(event, memory, rig), memory, rig)
         event = or_stalled(or_still_turning(event, memory, rig, alike), memory)
         event = or_touched(or_a_slip(or_an_obstacle(event, self.rate, self.rig), memory, rig), memory)
         slow = self.rate < SURE_HZ and not self.rig.watched.servo

@@ -16,6 +16,7 @@ TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
 LIMIT = 5.5
 STOP_S = 0.5  # of the stop and the rest after a move belong to it: a mass that stands off by half its noise shows by then
 SURE, Z95 = 0.95, 1.959964
+TINY = 1e-300
 # Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
 COMES_AND_GOES = 0.25
 EVERYDAY = 0.08  # of the friction: a rise that is smaller, and no better explained than a usual day, is one
@@ -40,20 +41,20 @@ class Drift:
 
     def __init__(self) -> None:
         self.means: list[Array] = [np.zeros(2) for _ in TIMES_S]
-        self.seen = 0
+        self.variances: list[Array] = [np.zeros(2) for _ in TIMES_S]
         self.since: float | None = None
 
     def add(self, t: Array, normalised: Array, interval: float) -> None:
-        """Take the next samples under way. normalised: (n, 3) innovations over their deviations, 0 where they do not count."""
+        """Take the next samples under way.
+
+        normalised: (n, 3) innovations over their deviations, 0 where they do not count, NaN where there is no reading.
+        """
         if self.since is not None or not t.size:
             return
-        z = np.nan_to_num(normalised[:, CHANNELS])
-        weights = [min(interval / time, 1.0) for time in TIMES_S]
+        z, kept = normalised[:, CHANNELS], zip(TIMES_S, self.means, self.variances, strict=True)
         first = min(
-            first_beyond(z, weight, mean, self.seen, LIMIT)
-            for weight, mean in zip(weights, self.means, strict=True)
+            first_beyond(z, min(interval / time, 1.0), mean, variance, LIMIT) for time, mean, variance in kept
         )
-        self.seen += t.size
         if first < t.size:
             self.since = float(t[first])
 
@@ -62,13 +63,16 @@ def largest_means(normalised: Array, interval: float, channels: slice = CHANNELS
     """The largest mean of any of the channels over any of the times, in its standard deviations, at each of (n, 3) innovations,
     (n,).
 
-    They come after a long calm.
+    They come after a long calm, and those of a channel with fewer readings than rows are as uncertain as these are few.
     """
-    z, largest = np.nan_to_num(normalised[:, channels]), np.zeros(len(normalised))
+    z, largest = normalised[:, channels], np.zeros(len(normalised))
+    there = np.isfinite(z).astype(np.float64)
+    share = there.mean(axis=0) if len(there) else there.sum(axis=0)
     for time in TIMES_S:
         weight = min(interval / time, 1.0)
-        mean = weighted_means(z, weight, np.zeros(z.shape[1]))
-        largest = np.maximum(largest, np.abs(mean).max(axis=1) / np.sqrt(weight / (2.0 - weight)))
+        mean = weighted_means(np.nan_to_num(z), weight, np.zeros(z.shape[1]))
+        part = np.maximum(weighted_means(there, weight * (2.0 - weight), share.copy()), TINY)
+        largest = np.maximum(largest, (np.abs(mean) / np.sqrt(weight / (2.0 - weight) * part)).max(axis=1))
     return largest
 
 

@@ -138,7 +138,7 @@ class LastWord:
         paths, stories = self._near(doubted, event, whole)
         if event.channel in ELECTRICAL and (not stories or _fits_as(event, paths, stories, whole)):
             return event
-        begun = doubted < whole.window.t[0]
+        begun = doubted < whole.window.t[0] or (not stories and doubted < event.start_s + SETTLED_S)
         if self._is_open(paths, stories) and (
             begun or any(self.naming.counts(path, whole, event) for path in paths)
         ):

@@ -65,14 +65,30 @@ def test_slow_samples_of_an_unknown_servo_leave_its_speed_in_doubt() -> None:
     assert between_samples(SETTINGS, load_rig(), 100.0) is SETTINGS
 
 
-def coarse(rig):
-    """The rig through a logger whose readings repeat themselves at rest."""
-    channels = [ChannelTraits(s, s, 0.9 * s, repeats=0.4, neighbour_std=s) for s in (2e-3, 0.1, 1e-5)]
+OF_THE_SLIDE, OF_THE_PAPER = (2e-3, 0.1, 1e-5), (10e-3, 0.3e-3, 10e-6)  # V, A, m: noise of the readings
+
+
+def coarse(rig, sigmas=OF_THE_SLIDE, fine=()):
+    """The rig through a logger whose readings repeat themselves at rest, in steps but for the channels `fine`."""
+    channels = (
+        ChannelTraits(s, s, None if name in fine else 0.9 * s, repeats=0.4, neighbour_std=s)
+        for name, s in zip(("voltage", "current", "position"), sigmas, strict=True)
+    )
     return replace(rig, logger=Acquisition(*channels, Clock(0.0, None, 1e-3)))
 
 
 def test_a_reading_that_an_unknown_servo_holds_still_is_no_frozen_sensor() -> None:
-    voltage, current, position = repeat_share(coarse(SLIDE), SETTINGS)
+    voltage, current, position = repeat_share(coarse(SLIDE, fine=("voltage", "current")), SETTINGS)
     assert voltage == pytest.approx(2.3 * 0.1 / 2e-3) and current == position == 1.0
     alone = replace(SLIDE, drive="current")
     assert repeat_share(coarse(alone), SETTINGS)[1] >= 1.0
+
+
+@pytest.mark.parametrize(("stands", "beside"), [("voltage", "current"), ("current", "voltage")])
+def test_a_reading_beside_one_that_stands_is_foretold_by_nothing(stands: str, beside: str) -> None:
+    k = ("voltage", "current").index(beside)
+
+    def share(fine):
+        return repeat_share(coarse(load_rig().without_servo, OF_THE_PAPER, fine), SETTINGS)[k]
+
+    assert share(fine=(beside,)) > share(fine=(stands, beside)) >= 1.0

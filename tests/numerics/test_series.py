@@ -80,13 +80,28 @@ def test_a_mean_is_beyond_its_limit_where_the_formula_of_roberts_has_it(
     std = np.sqrt(weight / (2.0 - weight) * (1.0 - (1.0 - weight) ** (2 * k)))
     for limit in (2.0, 5.5, 1e3):
         beyond = np.flatnonzero((np.abs(before) > limit * std[:, None]).any(axis=1))
-        mean, seen, found = np.zeros(2), 0, []
+        mean, variance, seen, found = np.zeros(2), np.zeros(2), 0, []
         for part in np.split(y, cuts):
-            first = first_beyond(part, weight, mean, seen, limit)
+            first = first_beyond(part, weight, mean, variance, limit)
             found += [seen + first] if first < len(part) else []
             seen += len(part)
         assert found[:1] == beyond[:1].tolist()
         np.testing.assert_allclose(mean, before[-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("every", [4, 16])
+def test_readings_that_come_rarely_say_as_much_as_they_are(every: int) -> None:
+    """A mean that took rows without a reading for zeros was beyond its limit for twice, or four times, as large a fault only."""
+    weight, rng = 0.005, np.random.default_rng(4)
+    beyond = np.zeros((200, 2))
+    for trial in range(200):
+        y = np.full((4000, 1), np.nan)
+        y[::every, 0] = rng.normal(size=4000 // every)
+        y[2000:] += 0.0 if trial % 2 else 7.0 * np.sqrt(0.5 * weight * every)
+        mean, variance = np.zeros(1), np.zeros(1)
+        beyond[trial // 2, trial % 2] = first_beyond(y, weight, mean, variance, 5.5) < 4000
+        assert variance[0] == pytest.approx(weight / (2.0 - weight) / every, rel=0.1)
+    assert beyond[:100, 0].mean() > 0.8 and not beyond[:100, 1].any()
 
 
 def test_counts_in_rows_are_sums_over_rows() -> None:

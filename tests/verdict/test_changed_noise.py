@@ -34,12 +34,23 @@ def test_a_voltage_at_the_end_of_its_range_behind_a_wandering_baseline_is_no_all
     assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)
 
 
+@pytest.mark.parametrize(
+    ("trait", "channel"),
+    [("steps_3_all", "current"), ("csv_3_decimals", "current"), ("steps_all", "voltage")],
+)
+def test_a_burst_of_noise_behind_coarse_steps_is_no_all_clear(trait: str, channel: str) -> None:
+    said = said_of(trait, draw_failing_case(5_910_007, "noise_burst", channel), 5_910_007)
+    assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)
+
+
 def test_noise_that_grows_under_way_is_another_range_or_a_failing_sensor() -> None:
     said = said_of("range_switched", draw_move_case(5_910_004, "nominal"), 5_910_004)
     assert said.label == "nominal" and said.probability <= SURE and said.alike == ("sensor_fault",)
 
 
-@pytest.mark.parametrize("trait", ["wandering", "coloured", "hum_60hz", "noise_3", "missing_rows"])
+@pytest.mark.parametrize(
+    "trait", ["wandering", "coloured", "hum_60hz", "noise_3", "missing_rows", "steps_3_all"]
+)
 def test_a_healthy_move_stays_one(trait: str) -> None:
     said = said_of(trait, draw_move_case(5_910_005, "nominal"), 5_910_005)
     assert said.label == "nominal" and said.probability > SURE

@@ -17,7 +17,6 @@ from observer_fi.verdict.diagnosis import isolated_again
 from observer_fi.verdict.moves.unloaded import (
     or_dead_voltage,
     or_left_behind,
-    or_of_current,
     or_stalled,
     or_still_turning,
     without_voltage,
@@ -180,22 +179,6 @@ def test_a_mass_that_stands_while_its_motor_pulls_was_stopped(
     told = or_stalled(event("unknown", None), moved(stands, change))
     assert (told.alike == ("overload", "jam")) is alike
     assert told.label == "unknown" and told.probability == (pytest.approx(1.0 / 3.0) if alike else 1.0)
-
-
-@pytest.mark.parametrize(
-    ("pace", "voltage", "channel"), [(1.0, 1.0, "current"), (0.9, 1.0, "position"), (1.0, 1.1, "position")]
-)
-def test_a_current_that_alone_changed_is_read_by_a_sensor_that_failed(
-    pace: float, voltage: float, channel: str
-) -> None:
-    """At 25 Hz a gain of the current was a failed position, for sure, whose readings went on as before."""
-    memory = bank(1.5, 25.0, noise=1e-4)
-    t = memory.recent.t
-    memory.recent.z[:, 0] = 9.0 * np.where(t > 2.0, voltage, 1.0)
-    travel = np.minimum(t, 2.0) + pace * np.maximum(t - 2.0, 0.0)
-    memory.recent.z[:, 2] = 400.0 * RIG.model["D"] * travel
-    told = or_of_current(event("sensor_fault", "position"), memory, RIG)
-    assert (told.label, told.channel) == ("sensor_fault", channel)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ FEWEST_GROWN = 8  # readings of a rest that tell it
 SAME_KIND = 0.3  # relative: noise of the same colour
 ALIKE = 2.0  # by how much the noise of a later rest may differ from that of the first
 COARSE = 0.3  # of the noise: steps from here on are told
-STANDING = 2.0  # steps of so many standard deviations and more: readings stand still where the signal does
+STANDING = 3.5  # steps of so many standard deviations and more: readings stand still where the signal does
 SAME_ERROR = 2.0  # times the variance of rounding: readings that stand have one error in common
 OPPOSITE = (
     -0.38

@@ -24,13 +24,14 @@ class NoiseChange(NamedTuple):
     within_s: float
 
 
-def noise_change(t: Array, z: Array, w_cmd: Array) -> NoiseChange | None:
+def noise_change(t: Array, z: Array, w_cmd: Array, floor: float = 0.0) -> NoiseChange | None:
     """The largest change of the noise of readings z (n,) within motion at one speed, None where it stays as it is.
 
     What moves leaves nothing of fourth differences, and noise that comes with a motion or goes with its speed is the same
-    throughout such a stretch. Of readings in steps or held ones it tells how often they change, which is no noise.
+    throughout such a stretch. Of held readings it tells how often they change, which is no noise. floor: noise below which
+    readings do not show it, 0 where they do, and what `shown_by` says of those in steps.
     """
-    found = [change for run in _steady_runs(t, w_cmd) if (change := _largest(t[run], z[run]))]
+    found = [change for run in _steady_runs(t, w_cmd) if (change := _largest(t[run], z[run], floor))]
     return _most(found)
 
 
@@ -44,7 +45,16 @@ def _steady_runs(t: Array, w_cmd: Array) -> list[slice]:
     return runs
 
 
-def _largest(t: Array, z: Array) -> NoiseChange | None:
+def shown_by(step: float, moves: bool) -> float:
+    """Noise that readings in steps show, whatever it is in truth. moves: whether what is read goes from step to step.
+
+    Of noise far below a step they show up to half a step, as the signal lies at the edge of one; of a signal that moves its
+    rounding, which is up to a step in fourth differences.
+    """
+    return step if moves else 0.5 * step
+
+
+def _largest(t: Array, z: Array, floor: float) -> NoiseChange | None:
     """The largest change of noise among readings z (n,) of one steady motion: between stretches on either side of one more, in
     which it changes.
     """
@@ -53,7 +63,7 @@ def _largest(t: Array, z: Array) -> NoiseChange | None:
     if not np.isfinite(levels).all() or not levels.max() > 0.0:
         return None
     within = float(t[STRETCH] - t[0])
-    logs = np.log(np.maximum(levels, STANDS * levels.max()))
+    logs = np.log(np.maximum(levels, max(STANDS * levels.max(), floor)))
     found = [
         NoiseChange(
             math.exp(float(behind.mean() - before.mean())), float(t[k * STRETCH + STRETCH // 2]), within

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from observer_fi.logs import SWITCHED, NoiseChange, noise_change
+from observer_fi.logs import SWITCHED, NoiseChange, noise_change, shown_by
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOMINAL, Rig
 from observer_fi.records import CHANNELS, Acquisition, ChannelTraits, Event, Log, Outcome
@@ -40,21 +40,21 @@ def or_a_changed_noise(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> 
 
 
 def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]:
-    """Channels whose noise changes, of those whose readings are not in coarse steps; held ones count once."""
+    """Channels whose noise changes; held readings count once, and of those in steps only noise that is larger than a step's."""
     for c, name in enumerate(CHANNELS):
         traits, z = getattr(logger, name), log.z[:, c]
         if not _shows_noise(traits):
             continue
         new = np.diff(z, prepend=np.nan) != 0.0 if traits.update_hz else np.ones(z.size, bool)
-        change = noise_change(log.t[new], z[new], log.w_cmd[new])
+        floor = shown_by(traits.resolution or 0.0, name == "position")
+        change = noise_change(log.t[new], z[new], log.w_cmd[new], floor)
         if change is not None:
             yield name, change
 
 
 def _shows_noise(traits: ChannelTraits) -> bool:
-    coarse = traits.resolution is not None and traits.resolution > traits.noise_std
     held = traits.hold_s is not None and traits.update_hz is None
-    return not coarse and not held and traits.read > ALL_READ
+    return not held and traits.read > ALL_READ
 
 
 def _failed(event: Event, name: str, change: NoiseChange) -> Event:

@@ -71,26 +71,25 @@ _LEFT = (
     "the mass stopped while the current went on, which fell only later: a servo that held it in its place, or a motor that had "
     "left it"
 )
-# Relative: of a voltage and a speed that stay what they were; and of the speed that a current would take, what may be seen of it.
-UNCHANGED, SEEN = 0.01, 0.5
+UNCHANGED = 0.01  # of a voltage and a current that show the speed they showed, relative
 _TURNS = "voltage and current show the motor at the speed that it had, while the position stands: the mass may have been let go"
-_ONLY_CURRENT = (
-    "the current alone changed: voltage and speed of the position stayed what they were, which no motor does"
-)
 STALLED = 0.5  # by which a current that grows is more than any friction of every day takes, relative
 _STALLED = "the mass came to stand and its motor is driven harder: an obstacle or a jam would look so between so few samples"
 _SLOWED = "the mass became slower, and the current shows nothing that would have slowed its motor: between two samples, or not"
 
 
-class _Around(NamedTuple):
+class Around(NamedTuple):
     """What is around an onset. change: of the steady current, relative, None where it is not seen; noise: its standard error;
-    pace: speed of the position after it, of that before it; None where that is not seen. voltage: its change, relative.
+    pace: speed of the position after it, of that before it; None where that is not seen. voltage: its change, relative, and its
+    standard error; conductance: of the current by the voltage before it [A/V].
     """
 
     change: float | None
     noise: float
     pace: float | None
     voltage: float | None = None
+    voltage_noise: float = 0.0
+    conductance: float = 0.0
 
     @property
     def stands(self) -> bool | None:
@@ -121,7 +120,7 @@ def without_voltage(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
         return event if _fallen(event, bank) else _shared(event, same, alike)
     if event.label in OF_CURRENT:
         return _or_misread(event, alike)
-    seen = _around(event, bank)
+    seen = around(event, bank)
     if event.label == "slip" and not seen.stands and _changed(seen):
         return _or_misread(event, alike)
     if event.label == "overload" and seen.pace is not None and not seen.stands:
@@ -187,7 +186,7 @@ def or_frozen(event: Event, bank: Bank) -> Event:
     if event.label != "coupling_loss" or "sensor_fault" in event.alike:
         return event
     lasts = event.end_s if event.over_s is None else event.over_s
-    seen = _around(event._replace(end_s=lasts), bank)
+    seen = around(event._replace(end_s=lasts), bank)
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
     if not same or CHANGED * seen.noise > LEAST_LOST:
         return event
@@ -201,7 +200,7 @@ def or_let_go(event: Event, bank: Bank) -> Event:
     """
     if (event.label, event.channel) != ("sensor_fault", "position") or "coupling_loss" in event.alike:
         return event
-    seen = _around(event, bank)
+    seen = around(event, bank)
     same = seen.change is not None and abs(seen.change) <= SAME_CURRENT + CHANGED * seen.noise
     return event if same or seen.stands is False else or_as_well(event, "coupling_loss", _BETWEEN)
 
@@ -218,7 +217,7 @@ def or_left_behind(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
         return event
     nats: dict[tuple[str, str | None], float] = {("slip", None): 0.0, OF_POSITION: 0.0}
     if stood is not None:
-        seen = _around(event._replace(onset_s=stood), bank)
+        seen = around(event._replace(onset_s=stood), bank)
         nats = {key: _density(key[0], seen, rig) for key in (("coupling_loss", None), OF_POSITION)}
     health: dict[tuple[str, str | None], float] = {(NOMINAL, None): max(nats.values())}
     share = event._replace(posterior=dict.fromkeys(event.posterior, 0.0) | {NOMINAL: 1.0})
@@ -267,23 +266,6 @@ def _slows_unseen(t: Array, i: Array, w: Array, rig: Rig) -> bool:
     return abs(later - level) < SAME_CURRENT * abs(level) + noise and taken < TAKEN * float(lost[k])
 
 
-def or_of_current(event: Event, bank: Bank, rig: Rig) -> Event:
-    """A position sensor that fails or, where its speed and the voltage stay what they were and only the current does not, that of
-    the current: what it reads more, the winding would take from the speed (equation 2).
-    """
-    if (event.label, event.channel) != OF_POSITION:
-        return event
-    seen = _around(event, bank)
-    if seen.change is None or seen.pace is None or seen.voltage is None or abs(seen.voltage) > UNCHANGED:
-        return event
-    share = rig.model["Rm"] * rig.model["A"] / (rig.model["Km"] ** 2 * _speed_before(event, bank, rig))
-    slower = share * abs(seen.change)  # of the speed
-    off = abs(seen.change) > CHANGED * math.hypot(USUAL, seen.noise)
-    if not off or abs(seen.pace - 1.0) > min(UNCHANGED, SEEN * slower):
-        return event
-    return event._replace(channel="current", reasons=(_ONLY_CURRENT,))
-
-
 def or_still_turning(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     """A voltage sensor that fails or, as likely, a mass that was let go: it stands, and voltage and current still show the motor
     at the speed that it had (equation 2).
@@ -291,7 +273,7 @@ def or_still_turning(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     recent, onset = bank.recent, event.onset_s
     if (event.label, event.channel) != ("sensor_fault", "voltage") or recent is None or onset is None:
         return event
-    seen = _around(event, bank)
+    seen = around(event, bank)
     if not seen.stands or seen.change is None or seen.voltage is None:
         return event
     earlier = (recent.t > onset - BEFORE_S[0] - _longer(recent.t)) & (recent.t < onset - BEFORE_S[1])
@@ -308,23 +290,13 @@ def or_still_turning(event: Event, bank: Bank, rig: Rig, alike: float) -> Event:
     return told._replace(isolated_s=None, reasons=(*event.reasons, _TURNS))
 
 
-def _speed_before(event: Event, bank: Bank, rig: Rig) -> float:
-    """Speed of the motor before an onset, as the position shows it [rad/s]; infinite where it shows none."""
-    recent, onset = bank.recent, event.onset_s
-    if recent is None or onset is None:
-        return math.inf
-    earlier = (recent.t > onset - BEFORE_S[0] - _longer(recent.t)) & (recent.t < onset - BEFORE_S[1])
-    slope = slope_of(recent.t[earlier], recent.z[earlier, 2])
-    return abs(slope) / rig.model["D"] if slope else math.inf
-
-
 def or_stalled(event: Event, bank: Bank) -> Event:
     """A fault without a name or, as likely, an obstacle or a jam: a mass that came to stand, while its motor is driven harder
     than before, was stopped by one of them, however few samples show how.
     """
     if event.label != UNKNOWN or event.probability <= 0.5 or event.severity:
         return event
-    seen = _around(event, bank)
+    seen = around(event, bank)
     if not seen.stands or seen.change is None or seen.change < STALLED:
         return event
     told = _shared(event, {(label, None): 0.0 for label in (UNKNOWN, "overload", "jam")}, 0.0)
@@ -339,10 +311,10 @@ def presses_back(event: Event) -> bool | None:
 
 def feels_another_load(event: Event, bank: Bank) -> bool:
     """Whether the steady current behind an onset is another one than before it."""
-    return _changed(_around(event, bank))
+    return _changed(around(event, bank))
 
 
-def _without_an_obstacle(seen: _Around) -> tuple[str, str | None] | None:
+def _without_an_obstacle(seen: Around) -> tuple[str, str | None] | None:
     """What goes on like a mass at an obstacle, and presses against none: a sensor whose mass is no slower, or a slip whose motor
     feels nothing; None where an obstacle takes speed and current.
     """
@@ -353,12 +325,12 @@ def _without_an_obstacle(seen: _Around) -> tuple[str, str | None] | None:
     return ("slip", None) if same else None
 
 
-def _changed(seen: _Around) -> bool:
+def _changed(seen: Around) -> bool:
     """Whether the steady current is another one: a nut that slips leaves it."""
     return seen.change is not None and abs(seen.change) > CHANGED * math.hypot(USUAL, seen.noise)
 
 
-def _density(label: str, seen: _Around, rig: Rig) -> float:
+def _density(label: str, seen: Around, rig: Rig) -> float:
     """Log-density of the change of the current under a label [nats]; 0 of all where it was not seen.
 
     A motor that has lost its mass needs the share A'/A of its current, as far as that is known; one whose position sensor died
@@ -393,17 +365,17 @@ def _shared(event: Event, nats: dict[tuple[str, str | None], float], alike: floa
     return told if label == event.label else told._replace(reasons=(_WHY[label],), severity=())
 
 
-def _around(event: Event, bank: Bank) -> _Around:
+def around(event: Event, bank: Bank) -> Around:
     """What the current and the position do at an onset, as long as the motor is not being stopped."""
     recent, onset = bank.recent, event.onset_s
     if recent is None or onset is None:
-        return _Around(None, 0.0, None)
+        return Around(None, 0.0, None)
     since, longer = recent.t - onset, _longer(recent.t)
     i = np.where(recent.active, recent.z[:, 1], np.nan)
     earlier = (since > -BEFORE_S[0] - longer) & (since < -BEFORE_S[1])
     before = _mean(i[earlier])
     if before is None:
-        return _Around(None, 0.0, None)
+        return Around(None, 0.0, None)
     left = np.flatnonzero((since > 0.0) & (i * math.copysign(1.0, before[0]) < BRAKES * abs(before[0])))
     most = AFTER_S[1] + longer
     until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, event.end_s - onset)
@@ -412,11 +384,14 @@ def _around(event: Event, bank: Bank) -> _Around:
     pace = None if not speeds[0] or speeds[1] is None else speeds[1] / speeds[0]
     after = _mean(i[later])
     if after is None or abs(before[0]) < 3.0 * before[1]:
-        return _Around(None, 0.0, pace)
+        return Around(None, 0.0, pace)
     noise = math.hypot(after[1], before[1]) / abs(before[0])
     given, gives = _mean(recent.z[earlier, 0]), _mean(recent.z[later, 0])
-    voltage = gives[0] / given[0] - 1.0 if given and gives and given[0] else None
-    return _Around(after[0] / before[0] - 1.0, noise, pace, voltage)
+    change = after[0] / before[0] - 1.0
+    if not (given and gives and given[0]):
+        return Around(change, noise, pace)
+    error = math.hypot(gives[1], given[1]) / abs(given[0])
+    return Around(change, noise, pace, gives[0] / given[0] - 1.0, error, before[0] / given[0])
 
 
 def _longer(t: Array) -> float:
