@@ -206,14 +206,15 @@ BY_CHANCE = math.sqrt(math.e)
 SLACK = (
     0.5  # nats that a repeat may gain beyond what chance allows: how often readings repeat is known to that
 )
-NO_NEWS = 1e6  # standard deviations
+NO_NEWS = 1e6  # standard deviations, within which a reading is said to repeat itself where that says nothing
 WITHIN_STEP = 0.4  # of a step: readings that repeat themselves within it are as dense as a step allows
 
 
 def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     """(3,) how far a reading that repeats itself may be from the one before, as a share of its standard deviation.
 
-    Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step.
+    Of what noise alone changes, whatever hum or colour there is beside it; of coarse readings within their step. What an unknown
+    servo makes of voltage and current nothing foretells as well as such a repeat would have to be.
     """
     fine = settings.repeat_scale * rig.neighbour_std
     chance = BY_CHANCE * rig.repeats * rig.neighbour_std
@@ -222,7 +223,7 @@ def repeat_share(rig: Rig, settings: BankSettings) -> Array:
     if rig.watched.servo:
         return np.where((rig.repeats > REPEATING) & (rig.step == 0.0), 1.0, share)
     alone = np.array([False, "voltage_v" not in rig.watched.columns, False])
-    return np.where((rig.repeats > REPEATING) | alone, NO_NEWS, share)
+    return np.where((rig.repeats > REPEATING) | alone, (NO_NEWS, NO_NEWS, 1.0), share)
 
 
 def _usual(share: Array, rig: Rig) -> NDArray[np.bool_]:

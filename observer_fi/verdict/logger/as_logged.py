@@ -49,9 +49,9 @@ LEARNABLE = SHORTEST_REST  # samples of a stream
 # Times what the noise of a command does through the integral: it is in the proportional part too. At 2 and 4 times some healthy
 # soft starts of learned rigs were obstacles at 0.95.
 OF_COMMAND = 8.0
-# Readings that a current must go on changing for, and standard deviations that a change of each of them may be: of a reversal
-# without a rest a filter with less room made a fault without a name.
-LASTING, PEAK = 5, 4.0
+# How long a current must go on changing [s], in how few and how many readings, and standard deviations that a change of each of
+# them may be: of a reversal without a rest a filter with less room made a fault without a name.
+LASTING_S, LASTING, PEAK = 3e-3, (3, 5), 4.0
 
 
 class AsLogged:
@@ -303,10 +303,12 @@ def fastest_current(log: Log) -> float:
     For as long as an unknown servo takes for a ramp, which no jump of a sensor lasts.
     """
     there = np.isfinite(log.z[:, 1])
-    if np.count_nonzero(there) <= LASTING:
+    if np.count_nonzero(there) <= LASTING[1]:
         return 0.0
-    walks = np.diff(log.z[there, 1]) / np.sqrt(np.diff(log.t[there]))
-    steps = np.lib.stride_tricks.sliding_window_view(walks, LASTING)
+    apart = np.diff(log.t[there])
+    lasting = int(np.clip(round(LASTING_S / float(np.median(apart))), *LASTING))
+    walks = np.diff(log.z[there, 1]) / np.sqrt(apart)
+    steps = np.lib.stride_tricks.sliding_window_view(walks, lasting)
     return float(np.minimum(np.abs(steps.mean(axis=1)), np.abs(np.median(steps, axis=1))).max())
 
 
