@@ -43,6 +43,14 @@ def test_a_burst_of_noise_behind_coarse_steps_is_no_all_clear(trait: str, channe
     assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)
 
 
+@pytest.mark.parametrize("channel", ["current", "voltage"])
+def test_a_loud_sensor_beside_a_servo_that_nobody_knows_is_not_the_other_one(channel: str) -> None:
+    """A burst of the current was a failed voltage at 1.0, four of four."""
+    frame, _ = make_log_with("ideal", draw_failing_case(5_910_008, "noise_burst", channel, 3.0), 5_910_008)
+    said = diagnose_log(log_from_frame(frame), RIG.without_servo, SETTINGS).isolation.verdict
+    assert (said.label, said.channel) == ("sensor_fault", channel)
+
+
 def test_noise_that_grows_under_way_is_another_range_or_a_failing_sensor() -> None:
     said = said_of("range_switched", draw_move_case(5_910_004, "nominal"), 5_910_004)
     assert said.label == "nominal" and said.probability <= SURE and said.alike == ("sensor_fault",)

@@ -212,6 +212,7 @@ def test_memory_does_not_grow_with_the_log(long_log: tuple[Log, dict]) -> None:
         tracemalloc.stop()
         return most
 
+    peak(1)  # compiles what it needs, whose memory is none of a log
     assert peak(4) < 1.1 * peak(2)
 
 

@@ -26,17 +26,28 @@ _BURST = "the noise of {} grows {} times at {}, while the motor runs steadily, a
 def or_a_changed_noise(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
     """The outcome, in which a healthy move may be one of a failed sensor where the noise of a channel changes within it.
 
-    A sensor that became louder than another range makes it has failed. begin: the first chunk of the log.
+    A sensor that became louder than another range makes it has failed, and not that of a channel which it contradicts. begin: the
+    first chunk of the log.
     """
     found = outcome.isolation
-    if found is None or outcome.acquisition is None or found.verdict.label != NOMINAL:
+    if found is None or outcome.acquisition is None or found.verdict.label not in (NOMINAL, "sensor_fault"):
         return outcome
-    for name, change in _changes(begin(), outcome.acquisition):
+    changes = list(_changes(begin(), outcome.acquisition))
+    for name, change in changes:
         moved = (e for e in found.events if e.start_s <= change.at_s <= e.end_s)
         event = next(moved, None)
-        if event is not None and event.label == NOMINAL and not event.alike:
+        if event is None:
+            continue
+        healthy = event.label == NOMINAL and not event.alike
+        if healthy or (len(changes) == 1 and _blames_another(event, name, change)):
             return shared(outcome, event, lambda one: _failed(one, name, change), rig)  # noqa: B023
     return outcome
+
+
+def _blames_another(event: Event, name: str, change: NoiseChange) -> bool:
+    """Whether a sensor is said to fail where another one alone becomes louder than another range would make it."""
+    other = event.label == "sensor_fault" and event.channel != name and change.factor > SWITCHED[1]
+    return other and event.onset_s is not None and abs(event.onset_s - change.at_s) <= 2.0 * change.within_s
 
 
 def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]:
