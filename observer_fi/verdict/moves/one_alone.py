@@ -56,7 +56,11 @@ def or_of_one_alone(event: Event, bank: Bank, rig: Rig) -> Event:
     position = (event.label, event.channel) == OF_POSITION
     if not position and (rig.watched.servo or event.label not in (*MECHANICAL, "sensor_fault")):
         return event
-    alone, pace = _alone(around(event, bank), rig.model["Rm"]), _pace(event, bank)
+    steady = _steady(event, bank)
+    if steady is None:
+        return event
+    seen = around(event._replace(end_s=min(steady[1], event.end_s)), bank, brakes=False)
+    alone, pace = _alone(seen, rig.model["Rm"]), _pace(event, bank, *steady)
     if (
         alone is None
         or pace is None
@@ -89,8 +93,8 @@ def _beyond(change: float, noise: float) -> bool:
     return abs(change) > CHANGED * math.hypot(STEADY, noise)
 
 
-def _pace(event: Event, bank: Bank) -> Pace | None:
-    """The pace of a mass as long as the motor is told to go at the speed of the onset; None where that is too short."""
+def _steady(event: Event, bank: Bank) -> tuple[float, float] | None:
+    """From when until when the motor is told to go at the speed of the onset [s]; None where that is not at hand."""
     recent, onset = bank.recent, event.onset_s
     if recent is None or onset is None:
         return None
@@ -99,6 +103,14 @@ def _pace(event: Event, bank: Bank) -> Pace | None:
     begun, over = other[other < k], other[other > k]
     first = recent.t[begun[-1]] if begun.size else recent.t[0]
     last = recent.t[over[0]] if over.size else recent.t[-1]
+    return float(first), float(last)
+
+
+def _pace(event: Event, bank: Bank, first: float, last: float) -> Pace | None:
+    """The pace of a mass in a motion at one speed from first to last [s]; None where that is too short."""
+    recent, onset = bank.recent, event.onset_s
+    if recent is None or onset is None:
+        return None
     before = (recent.t > first + BEFORE_S[0]) & (recent.t < onset - BEFORE_S[1])
     after = (recent.t > onset + AFTER_S[0]) & (recent.t < min(last, event.end_s))
     was, goes = (_slope_and_error(recent.t[part], recent.z[part, 2]) for part in (before, after))

@@ -365,8 +365,11 @@ def _shared(event: Event, nats: dict[tuple[str, str | None], float], alike: floa
     return told if label == event.label else told._replace(reasons=(_WHY[label],), severity=())
 
 
-def around(event: Event, bank: Bank) -> Around:
-    """What the current and the position do at an onset, as long as the motor is not being stopped."""
+def around(event: Event, bank: Bank, brakes: bool = True) -> Around:
+    """What the current and the position do at an onset, as long as the motor is not being stopped.
+
+    brakes: whether a current that is gone is a motor that is.
+    """
     recent, onset = bank.recent, event.onset_s
     if recent is None or onset is None:
         return Around(None, 0.0, None)
@@ -378,7 +381,8 @@ def around(event: Event, bank: Bank) -> Around:
         return Around(None, 0.0, None)
     left = np.flatnonzero((since > 0.0) & (i * math.copysign(1.0, before[0]) < BRAKES * abs(before[0])))
     most = AFTER_S[1] + longer
-    until = min(most, float(since[left[0]]) - BRAKED_S if left.size else most, event.end_s - onset)
+    braked = float(since[left[0]]) - BRAKED_S if left.size and brakes else most
+    until = min(most, braked, event.end_s - onset)
     later = (since > AFTER_S[0]) & (since < until)
     speeds = slope_of(recent.t[earlier], recent.z[earlier, 2]), slope_of(recent.t[later], recent.z[later, 2])
     pace = None if not speeds[0] or speeds[1] is None else speeds[1] / speeds[0]
