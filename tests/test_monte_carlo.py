@@ -6,7 +6,7 @@ import pytest
 
 from pipelines import diagnose_study as d
 
-SMALL = 4  # moves of each class
+SMALL = 6  # moves of each class
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +93,11 @@ def test_declared_alike_is_accepted_and_nothing_else() -> None:
 
 @pytest.fixture(scope="module")
 def many() -> pd.DataFrame:
-    return d.study([*d.jobs(d.NAMED[:1], 100), *d.jobs(d.NAMED[1:], 30)])
+    return d.study([*d.jobs(d.NAMED[:1], 100), *d.jobs(d.NAMED[1:], 50)])
 
 
 @pytest.mark.slow
-def test_a_hundred_and_sixty_moves(many: pd.DataFrame) -> None:
+def test_two_hundred_moves(many: pd.DataFrame) -> None:
     """Must show of the bank: 99 % right at the end of the log, medians of delay and onset, no false alarm in 100.
 
     The report counts four hundred.
@@ -106,13 +106,13 @@ def test_a_hundred_and_sixty_moves(many: pd.DataFrame) -> None:
     assert many[many["label"] == "nominal"]["right"].all()
     for label, delay_ms in (("overload", 50.0), ("coupling_loss", 10.0)):
         g = many[many["label"] == label]
-        assert g["right"].mean() >= 0.96  # one of thirty
+        assert g["right"].mean() >= 0.98
         assert g["isolated_ms"].median() <= delay_ms and g["found_ms"].abs().median() <= 15.0
         assert not (g["isolated_ms"] < 0.0).any()
         # A coupling that let go within a start and leaves voltage and current as they were is shared with a failed position.
         shared = g["isolated_ms"].isna()
         assert shared.mean() <= 0.1 and (g["probability"][shared] == 0.5).all()
-        # 95 % intervals: 30 moves, 3 standard deviations of a share
+        # 95 % intervals: 50 moves, 3 standard deviations of a share
         assert g["covered"].mean() >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / len(g))
 
 

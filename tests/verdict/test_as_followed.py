@@ -49,9 +49,9 @@ def test_what_the_servo_followed_is_asked_of_the_servo(kind: str, seed: int) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SPOILT)
 def test_whatever_was_logged_for_the_command(kind: str) -> None:
-    seeds = range(41_100, 41_103)
+    seeds = range(41_100, 41_105)
     said = [said_of(kind, seed) for seed in seeds]
-    assert sum(label == CLASSES[seed % 3] for (label, _), seed in zip(said, seeds, strict=True)) >= 2
+    assert sum(label == CLASSES[seed % 3] for (label, _), seed in zip(said, seeds, strict=True)) >= 4
     assert any(told for _, told in said)
 
 
