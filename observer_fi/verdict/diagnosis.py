@@ -133,8 +133,10 @@ def diagnose(
     if rig.law is None and (rig.driven.command or not file.has_command):
         recovered, watched = as_shown_to(with_command(read_log(path, columns), rig), rig)
         run, rig = (run if watched is rig else begun(watched)), watched
-    if is_held(next(open_log(path, columns).chunks()) if recovered is None else recovered, rig):
-        recovered = at_ticks(read_log(path, columns) if recovered is None else recovered, rig)
+    if recovered is not None:
+        recovered = at_ticks(recovered, rig)
+    elif not rig.watched.servo and is_held(next(open_log(path, columns).chunks()), rig):
+        recovered = at_ticks(read_log(path, columns), rig)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
