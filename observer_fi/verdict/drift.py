@@ -16,7 +16,7 @@ TIMES_S = (0.1, 0.4, 1.6)  # over which innovations are averaged
 LIMIT = 5.5
 STOP_S = 0.5  # of the stop and the rest after a move belong to it: a mass that stands off by half its noise shows by then
 SURE, Z95 = 0.95, 1.959964
-TINY = 1e-300
+TINY = 1e-300  # a probability, or a share, that is none
 # Of the friction: by so much it may be up and down within a move on a usual day. What goes on to rise is a fault.
 COMES_AND_GOES = 0.25
 EVERYDAY = 0.08  # of the friction: a rise that is smaller, and no better explained than a usual day, is one

@@ -18,14 +18,13 @@ from observer_fi.numerics import count_in_rows, runs
 from observer_fi.physics import FAULTS, LABELS, NOMINAL, UNKNOWN, channel_of, label_of, words_of
 from observer_fi.records import CHANNELS, Array, Consistency, Estimate, Event, Isolation
 from observer_fi.settings import DecisionSettings
-from observer_fi.verdict.drift import STOP_S, Drift
+from observer_fi.verdict.drift import STOP_S, TINY, Drift
 from observer_fi.verdict.testable import NO_MOVE, not_tested
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 SPIKE = 50.0  # standard deviations that no fault reaches from one sample to the next and back
 SETTLING = 8  # samples after a change of winner
-TINY = 1e-300  # a probability that is none
 LEAST = 40  # samples of a mean: of a right hypothesis that of fewer is often beyond the limits
 STARTING = (
     4  # samples of a move: when between two of them it began, and so what is there at first, nobody knows

@@ -17,7 +17,7 @@ from observer_fi.records import Log
 ELECTRICAL = slice(0, 2)
 MOST = 0.75  # of the rows that may be ticks of held readings
 TOGETHER = 0.9  # of the ticks: where fewer are of both channels, they are not read together
-NOTE = "voltage and current are fresh in {} of {} rows, which alone are judged: nobody knows what the servo does in between"
+NOTE = "what is read of voltage and current is fresh in {} of {} rows, which alone are judged: nobody knows the servo in between"
 
 
 def at_ticks(log: Log, rig: Rig) -> Log:
