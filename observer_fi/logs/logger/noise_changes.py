@@ -46,7 +46,9 @@ def _steady_runs(t: Array, w_cmd: Array) -> list[slice]:
 
 
 def shown_by(step: float, moves: bool) -> float:
-    """Noise that readings in steps show, whatever it is in truth, in their unit. moves: whether what is read goes on through steps.
+    """Noise that readings in steps show, whatever it is in truth, in their unit.
+
+    moves: whether what is read goes from step to step.
 
     Of noise far below a step they show up to half a step, as the signal lies at the edge of one; of a signal that moves its
     rounding, which is up to a step in fourth differences.
