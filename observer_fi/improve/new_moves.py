@@ -20,7 +20,10 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import describes, diagnose_log
 
 MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
-SHOWN = 2  # moves that every rig is asked about, for the record: one in doubt takes up to four seconds of the processor
+SHOWN = (
+    2  # moves that every rig is asked about, for the record: one in doubt takes many seconds of the processor
+)
+ENOUGH = 3  # alarms of a rig that tell how it does
 _TOGETHER = 2  # moves asked at once: filters leave the interpreter's lock
 _REST_S = 1.0  # of the rests around a move
 _SHORTEST_S = 0.1  # of the rest before a move: tells the noise
@@ -80,19 +83,19 @@ def counted(
 ) -> dict[str, Count]:
     """By rig, the best on held-out moves first, the moves that it was asked about and its false alarms.
 
-    A move in doubt costs many times one that fits, and a rig that does not describe the machine doubts every one: a later rig
-    is asked until it has too many alarms to be handed over in place of an earlier one.
+    A move in doubt costs many times one that fits, and a rig that does not describe the machine doubts every one: a rig is asked
+    until its alarms are enough, a later one until it has too many to be handed over in place of an earlier one.
     """
     counts: dict[str, Count] = {}
     apart = max(1, len(parts) // SHOWN)  # those for the record are spread over the logs
     spread = [part for first in range(apart) for part in parts[first::apart]]
     with ThreadPoolExecutor(_TOGETHER) as pool:
         for name, rig in rigs.items():
-            least = min((count.false_alarms for count in counts.values()), default=None)
+            least = min((count.false_alarms for count in counts.values()), default=ENOUGH)
+            most = ENOUGH if least >= ENOUGH else least - 1
             count = Count(0, 0)
             for first in range(0, len(parts), _TOGETHER):
-                beaten = least is not None and count.false_alarms + 1 >= least
-                if beaten and count.moves >= SHOWN:
+                if count.moves >= SHOWN and count.false_alarms >= most:
                     break
                 asked = spread[first : first + _TOGETHER]
                 alarms = pool.map(is_alarm, [part for _, part in asked], [rig(m) for m, _ in asked])

@@ -10,7 +10,7 @@ import pytest
 from campaigns import campaign
 
 from observer_fi.improve import Improvement, improve, to_json
-from observer_fi.improve.new_moves import MOST_MOVES, SHOWN, Count, as_one_log, best_of, counted
+from observer_fi.improve.new_moves import ENOUGH, MOST_MOVES, SHOWN, Count, as_one_log, best_of, counted
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import Rig, load_rig, with_values
 from observer_fi.records import Array, Log, Segment
@@ -67,8 +67,9 @@ def test_a_later_rig_is_asked_until_it_can_no_longer_be_handed_over() -> None:
 
     assert found(0, 9) == {"first": Count(9, 0), "later": Count(SHOWN, SHOWN)}
     assert found(1, 0) == {"first": Count(9, 1), "later": Count(SHOWN, 0)}
-    assert found(7, 2) == {"first": Count(9, 7), "later": Count(9, 2)}
-    assert found(7, 9) == {"first": Count(9, 7), "later": Count(6, 6)}
+    assert found(2, 1) == {"first": Count(9, 2), "later": Count(SHOWN, 1)}
+    assert found(7, 2) == {"first": Count(ENOUGH, ENOUGH), "later": Count(9, 2)}
+    assert found(7, 9) == {"first": Count(ENOUGH, ENOUGH), "later": Count(ENOUGH, ENOUGH)}
 
 
 def test_moves_for_the_record_are_spread_over_the_logs() -> None:

@@ -5,7 +5,7 @@ readings without them.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -39,6 +39,7 @@ SLOW = 2.0  # samples: noise of a longer correlation may have come through a fil
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
 TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
 CLIMBED = 3  # groups of channels whose best filter is looked at closer
+COARSE = 5  # of the steps below are taken for each of these, of either order; the others for the best of them
 # Factors by which a corner is tried lower and higher, and samples by which the channel is tried earlier and later.
 FINER = (
     (1.41, 1.0),
@@ -112,17 +113,22 @@ def _with_one_more(start: "Start", found: LowPasses, groups: list[tuple[int, ...
     kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
     begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in groups]
     begun.sort(key=start.nats, reverse=True)
-    return max((_finest(start, one) for one in begun[:CLIMBED]), key=start.nats)
+    near = max((_finer(start, one, FINER[:COARSE], ORDERS) for one in begun[:CLIMBED]), key=start.nats)
+    return _finer(start, near, FINER[COARSE:])
 
 
-def _finest(start: "Start", found: LowPasses) -> LowPasses:
-    """Filters with the best corner, order and delay of those like the given ones."""
-    for factor, samples in FINER:
-        found = max(_near(found, factor, samples, start.interval), key=start.nats)
+def _finer(
+    start: "Start", found: LowPasses, steps: Sequence[tuple[float, float]], orders: tuple[int, ...] = ()
+) -> LowPasses:
+    """Filters with the best corner and delay of those like the given ones, of these orders, or of their own."""
+    for factor, samples in steps:
+        found = max(_near(found, factor, samples, start.interval, orders), key=start.nats)
     return found
 
 
-def _near(found: LowPasses, factor: float, samples: float, interval: float) -> list[LowPasses]:
+def _near(
+    found: LowPasses, factor: float, samples: float, interval: float, orders: tuple[int, ...]
+) -> list[LowPasses]:
     """The same with corners lower and higher, of either order, earlier and later.
 
     Another corner, or order, is tried as late as the one before and as late in all: a delay looks much like a lower corner.
@@ -132,7 +138,7 @@ def _near(found: LowPasses, factor: float, samples: float, interval: float) -> l
         channels = tuple(c for c, own in enumerate(found) if own == kind)
         lates = {kind.late - samples, kind.late, kind.late + samples}
         tried = [kind._replace(late=late) for late in lates]
-        for order in ORDERS:
+        for order in orders or (kind.order,):
             for corner in (kind.corner_hz / factor, kind.corner_hz, kind.corner_hz * factor):
                 other = kind._replace(corner_hz=corner, order=order)
                 less = (kind.delay_s - other.delay_s) / interval
