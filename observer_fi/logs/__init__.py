@@ -7,7 +7,6 @@ from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import (
     ABSENT,
     is_recovered,
-    is_shown,
     recover_command,
     with_command,
 )
@@ -118,7 +117,6 @@ __all__ = [
     "on_its_clock",
     "ABSENT",
     "is_recovered",
-    "is_shown",
     "position_speed",
     "BrokenLineError",
     "CHUNK_ROWS",

@@ -44,7 +44,6 @@ SLOWS = 0.9  # of the speed before: a motor below that is being stopped
 STALLED, SOON_S = 1.5, 0.1
 AFTER_S = 0.2  # of the stand of a mass that the motor has left: what the current is then
 ABSENT = "speed_cmd_rad_s is absent"  # how the note begins that says so
-# A note of its own: such a command has the noise of the readings.
 SHOWN = "the command has other ramps than the rig file says: it is taken from each sample as voltage and current show it"
 
 Mask = NDArray[np.bool_]
@@ -67,11 +66,6 @@ def with_command(log: Log, rig: Rig) -> Log:
 def is_recovered(log: Log) -> bool:
     """Whether the command of a log is none that was logged."""
     return any(note.startswith(ABSENT) for note in log.notes)
-
-
-def is_shown(log: Log) -> bool:
-    """Whether the command of a log has the noise of the readings that it was recovered from."""
-    return SHOWN in log.notes
 
 
 def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:

@@ -24,7 +24,6 @@ from observer_fi.logs import (
     quarter_of_a_ring,
     read_log,
     suspect_units,
-    with_command,
 )
 from observer_fi.physics import NOMINAL, Rig, channel_of, commanded, label_of
 from observer_fi.records import Array, Estimate, Event, Isolation, Log, Outcome, Traces
@@ -47,7 +46,6 @@ from observer_fi.verdict.isolate import (
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
 from observer_fi.verdict.logger.as_logged import AsLogged
-from observer_fi.verdict.logger.as_shown import as_shown_to
 from observer_fi.verdict.logger.at_ticks import at_ticks, is_held
 from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
 from observer_fi.verdict.logger.begun_at_the_limit import known_from
@@ -61,6 +59,7 @@ from observer_fi.verdict.logger.left_out import (
     told_alone,
     without,
 )
+from observer_fi.verdict.logger.no_command import with_its_servo
 from observer_fi.verdict.logger.other_channels import not_the_sensor_alone, or_another, with_the_actuator
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
@@ -131,7 +130,7 @@ def diagnose(
     )
     run, file, recovered = begun(rig), open_log(path, columns), None
     if rig.law is None and (rig.driven.command or not file.has_command):
-        recovered, watched = as_shown_to(with_command(read_log(path, columns), rig), rig)
+        recovered, watched = with_its_servo(read_log(path, columns), rig)
         run, rig = (run if watched is rig else begun(watched)), watched
     if recovered is not None:
         recovered = at_ticks(recovered, rig)
@@ -214,7 +213,7 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
-    given, rig = as_shown_to(with_command(log, rig), rig)
+    given, rig = with_its_servo(log, rig)
     given = at_ticks(given, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)

@@ -5,7 +5,8 @@ import pytest
 from hidden import SHAPES, SURROUNDINGS, draw_severity_case, make_log_with
 from hidden.profiles import command_at
 
-from observer_fi.logs import is_shown, log_from_frame, moves_from_rest, with_command
+from observer_fi.logs import log_from_frame, moves_from_rest, with_command
+from observer_fi.logs.command_recovery import SHOWN
 from observer_fi.physics import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import Settings
@@ -49,7 +50,7 @@ def test_a_log_may_end_in_a_ramp() -> None:
         frame = frame[frame.time_s < 0.5 * (times[-2] + times[-1])]
         log = with_command(log_from_frame(frame), RIG)
         off = (log.w_cmd - np.interp(log.t, times, speeds))[-4:]
-        assert is_shown(log) and abs(off.mean()) < 0.002 * max(map(abs, speeds)), seed
+        assert SHOWN in log.notes and abs(off.mean()) < 0.002 * max(map(abs, speeds)), seed
 
 
 def test_corners_are_as_sharp_as_they_were() -> None:
@@ -59,7 +60,7 @@ def test_corners_are_as_sharp_as_they_were() -> None:
         spec = draw_severity_case(seed, "nominal", "soft_ramps")
         told = command_at(spec.profile, spec.rig.accel, log.t)
         stands = (told == 0.0) & (log.t > spec.profile.curve[0][-1] + 0.002)
-        assert is_shown(log) and (log.w_cmd[stands] == 0.0).all(), seed
+        assert SHOWN in log.notes and (log.w_cmd[stands] == 0.0).all(), seed
         assert np.abs(log.w_cmd - told).max() < 0.005 * np.abs(told).max(), seed
 
 
@@ -68,12 +69,12 @@ def test_a_last_rest_may_be_short() -> None:
         spec = draw_severity_case(seed, "nominal", "soft_ramps")
         frame = make_log_with("no_command", spec, seed)[0]
         log = with_command(log_from_frame(frame[frame.time_s < spec.profile.curve[0][-1] + 0.02]), RIG)
-        assert is_shown(log) and (log.w_cmd[-16:] == 0.0).all(), seed
+        assert SHOWN in log.notes and (log.w_cmd[-16:] == 0.0).all(), seed
 
 
 @pytest.mark.parametrize("day", ["winding 30 K warmer", "supply 12 % lower", "gains 20 % higher"])
 def test_steep_ramps_stay_what_the_rig_file_says_on_any_day(day: str) -> None:
-    assert not any(is_shown(recovered("", day, seed)[0]) for seed in SEEDS)
+    assert not any(SHOWN in recovered("", day, seed)[0].notes for seed in SEEDS)
 
 
 @pytest.mark.slow

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 from hidden import draw_effects_case, draw_move_case, draw_severity_case, make_log_with
 
-from observer_fi.bank import usual_errors, with_servo_error
-from observer_fi.logs import with_command
 from observer_fi.logs.ingest import log_from_frame
-from observer_fi.physics import with_values
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Move, Scenario, synthesise
 from observer_fi.records import Acquisition, ChannelTraits, Clock, Log
@@ -187,21 +184,6 @@ def test_healthy_campaigns_are_healthy(logger: str) -> None:
     for seed in range(8310, 8316):
         labels = {e.label for e in diagnose_log(campaign(logger, seed), RIG, Settings()).isolation.events}
         assert labels == {"nominal"}, seed
-
-
-@pytest.mark.parametrize("learned", [0.0, 0.1], ids=["", "healthy logs have shown less"])
-@pytest.mark.parametrize("friction", [1.0, 30.0])
-def test_a_recovered_command_has_the_noise_of_its_readings(learned: float, friction: float) -> None:
-    """Whatever a rig's file says of its servo's equation, and however large the rig is."""
-    usual = usual_errors(SETTINGS, RIG)
-    rig = replace(RIG, errors={name: learned * value for name, value in usual.items()} if learned else {})
-    rig = with_values(rig, {"A": friction * rig.model["A"]})
-    log = log_from_frame(make_log_with("no_command", draw_severity_case(7603, "nominal", "s_curve"), 7603)[0])
-    known = AsLogged(with_command(log, RIG), rig, SETTINGS)
-    V, i = (channel.as_white for channel in known.acquisition[:2])
-    least = rig.model["Ki"] * np.hypot(V, 0.5 * i * rig.model["Rm"]) / rig.model["Km"] / np.sqrt(log.rate_hz)
-    assert usual_errors(known.settings, rig)["servo"] > least
-    assert usual_errors(with_servo_error(SETTINGS, rig, 0.7), rig)["servo"] == pytest.approx(0.7)
 
 
 # --- a servo that nobody knows ----------------------------------------------------------------------

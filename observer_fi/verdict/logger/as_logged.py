@@ -24,14 +24,12 @@ from observer_fi.logs import (
     acquisition_of,
     even,
     inductance_of,
-    is_shown,
     means_of,
     with_low_passes,
 )
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, Array, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.logger.as_shown import walk_of
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
 from observer_fi.verdict.logger.offset import as_in_motion, electrical_offset
@@ -46,9 +44,6 @@ FEWEST_RESTS = 3  # that say the same of a line: two say it of any
 QUIET = 1.25  # times its expected NIS: a start whose lines are out of it is explained as well as this, or they were others
 SAME_NOISE = 0.1  # relative: less is no news
 LEARNABLE = SHORTEST_REST  # samples of a stream
-# Times what the noise of a command does through the integral: it is in the proportional part too. At 2 and 4 times some healthy
-# soft starts of learned rigs were obstacles at 0.95.
-OF_COMMAND = 8.0
 # How long a current must go on changing [s], in how few and how many readings, and standard deviations that a change of each of
 # them may be: of a reversal without a rest a filter with less room made a fault without a name.
 LASTING_S, LASTING, PEAK = 3e-3, (3, 5), 4.0
@@ -171,17 +166,11 @@ class AsLogged:
         return start
 
     def _for_the_servo(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
-        """The settings with room for what the servo does.
-
-        An unknown one: for the fastest change of the current that this log shows; a known one: for an integral that walks where
-        the command has the noise of the readings.
-        """
-        if not rig.watched.servo:
-            fresh = copy(self.readings).take(log)  # of held readings a change is that of several samples
-            return with_servo_error(settings, rig, fastest_current(fresh) / PEAK)
-        if not is_shown(log):
+        """The settings with room, beside an unknown servo, for the fastest change of the current that this log shows."""
+        if rig.watched.servo:
             return settings
-        return with_servo_error(settings, rig, OF_COMMAND * walk_of(self.acquisition, rig, log.rate_hz))
+        fresh = copy(self.readings).take(log)  # of held readings a change is that of several samples
+        return with_servo_error(settings, rig, fastest_current(fresh) / PEAK)
 
     def _begin(self, log: Log, rig: Rig) -> None:
         """Before the first chunk."""
