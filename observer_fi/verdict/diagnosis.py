@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -44,7 +44,13 @@ from observer_fi.verdict.isolate import (
     tested,
 )
 from observer_fi.verdict.last_word import LastWord
-from observer_fi.verdict.logger.as_followed import as_followed, better, may_not_be_followed
+from observer_fi.verdict.logger.as_followed import (
+    NOT_FOLLOWED,
+    as_followed,
+    better,
+    is_not_followed,
+    may_not_be_followed,
+)
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.at_ticks import at_ticks, is_held
 from observer_fi.verdict.logger.balance_at_rest import or_unbalanced
@@ -129,12 +135,13 @@ def diagnose(
         Diagnosis, settings=settings, engine=engine, filter_kind=filter_kind, detected_at=detected_at
     )
     run, file, recovered = begun(rig), open_log(path, columns), None
-    if rig.law is None and (rig.driven.command or not file.has_command):
+    begin = cache(lambda: next(open_log(path, columns).chunks()))
+    if rig.law is None and (rig.driven.command or not file.has_command or is_not_followed(begin(), rig)):
         recovered, watched = with_its_servo(read_log(path, columns), rig)
         run, rig = (run if watched is rig else begun(watched)), watched
     if recovered is not None:
         recovered = at_ticks(recovered, rig)
-    elif not rig.watched.servo and is_held(next(open_log(path, columns).chunks()), rig):
+    elif not rig.watched.servo and is_held(begin(), rig):
         recovered = at_ticks(read_log(path, columns), rig)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
@@ -144,13 +151,13 @@ def diagnose(
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
-    begin = cache(lambda: next(open_log(path, columns).chunks()) if recovered is None else recovered)
+    begin = begin if recovered is None else read
     outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
-    for other, choose in _taken_otherwise(outcome, read, begin, rig, settings):
-        again = begun(rig)
-        again.add_all(_pieces(other, progress))
-        told = again.outcome(log_name(path), {**facts, "notes": _notes(other.notes, rig)})
-        found = choose(outcome, told)
+    for other in _taken_otherwise(outcome, read, begin, rig, settings):
+        again = begun(other.rig)
+        again.add_all(_pieces(other.log, progress))
+        told = again.outcome(log_name(path), {**facts, "notes": _notes(other.log.notes, rig)})
+        found = other.choose(outcome, told)
         if found is not outcome:
             return or_unbalanced(found, begin, rig)
     return or_unbalanced(outcome, begin, rig)
@@ -161,10 +168,18 @@ def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
     return tuple(n for n in notes if rig.law is None or not n.startswith(ABSENT))
 
 
+class _Otherwise(NamedTuple):
+    """A log as it may be taken, the rig to judge it with, and what chooses between outcomes: as it is, and so."""
+
+    log: Log
+    rig: Rig
+    choose: Callable[[Outcome, Outcome], Outcome]
+
+
 def _taken_otherwise(
     outcome: Outcome, read: Callable[[], Log], begin: Callable[[], Log], rig: Rig, settings: Settings
-) -> Iterator[tuple[Log, Callable[[Outcome, Outcome], Outcome]]]:
-    """A log in other ways, where its outcome asks for them, each with what chooses between that and the outcome of this one.
+) -> Iterator[_Otherwise]:
+    """A log in other ways, where its outcome asks for them.
 
     read: the log; begin: its first chunk at least.
 
@@ -173,21 +188,23 @@ def _taken_otherwise(
     """
     followed = as_followed(read(), rig) if may_not_be_followed(outcome) else None
     if followed is not None:
-        yield followed, better
+        yield _Otherwise(at_ticks(followed, rig.without_servo), rig.without_servo, better)
     if may_be_a_channel(outcome):
         channel = left_out(read(), rig, settings)
         if channel is not None:
-            yield without(read(), channel), partial(of_the_rest, channels=(channel,), rig=rig)
+            yield _Otherwise(
+                without(read(), channel), rig, partial(of_the_rest, channels=(channel,), rig=rig)
+            )
     found = outcome.isolation
     if found is not None and found.verdict.label == "sensor_fault":
         failed = not_the_sensor_alone(begin(), found.verdict, rig, settings)
         if failed is not None:
-            yield without(read(), failed), partial(with_the_actuator, rig=rig)
+            yield _Otherwise(without(read(), failed), rig, partial(with_the_actuator, rig=rig))
     if found is not None and is_of_the_actuator(found.verdict):
         alone = told_alone(begin(), found.verdict, rig, settings)
         if alone:
             choose = partial(of_the_rest, channels=alone, rig=rig, words=TOLD_BY_ONE)
-            yield without(read(), alone[0]), choose
+            yield _Otherwise(without(read(), alone[0]), rig, choose)
 
 
 def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
@@ -217,9 +234,9 @@ def judged(
     given = at_ticks(given, rig)
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
-    for other, choose in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
-        again, told = _judged(other, rig, settings, engine, filter_kind)
-        found = choose(outcome, again)
+    for other in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
+        again, told = _judged(other.log, other.rig, settings, engine, filter_kind)
+        found = other.choose(outcome, again)
         if found is not outcome:
             rests_on = told if found.acquisition is again.acquisition else estimate
             return or_unbalanced(found, lambda: given, rig), rests_on
@@ -478,7 +495,7 @@ class Diagnosis:
             explain.explanation(isolation, self.rig, log),
             {"engine": self.engine, "filter": self.filter_kind, "rig": self.rig.name, "drive": self.rig.drive,
              "detected_at": self.detected_at, **asdict(self.settings)},
-            acquisition=self.as_logged.told if self.as_logged else None, warnings=self._warnings(isolation, foreign),
+            acquisition=self.as_logged.told if self.as_logged else None, warnings=self._warnings(isolation, foreign, log),
         )  # fmt: skip
 
     def _as_far_as_told(self, event: Event) -> Event:
@@ -520,9 +537,10 @@ class Diagnosis:
             for traces in (sketch.unpacked(table, m, mixture) for table in (whole, _within(near, span)))
         )
 
-    def _warnings(self, isolation: Isolation, foreign: str) -> tuple[str, ...]:
+    def _warnings(self, isolation: Isolation, foreign: str, log: Log) -> tuple[str, ...]:
         known = cautions(self.as_logged, isolation, self.rate, self.left_out_s) if self.as_logged else ()
         return (
+            *([NOT_FOLLOWED] if NOT_FOLLOWED in log.notes else []),
             *([foreign] if foreign else []),
             *(self.suspects or ()),
             *explain.second_faults(isolation),

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
-from observer_fi.logs import recover_command
+from observer_fi.logs import is_recovered, recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
 from observer_fi.verdict.moves.whole_move import SETTLED_S
@@ -18,8 +18,15 @@ AROUND_S = 0.02  # of a ramp: the servo's ringing, or a command that comes later
 LEVEL_S = 0.2  # of the speed behind it
 SAME_LEVEL = 0.025  # relative: what rounding does; a sensor or a rig file that is off shifts the speed itself
 SHAPE = 0.0015  # of the level, mean over the ramp: several times what recovering a clean command leaves
+STEADY = 1.02  # times a speed: what grows by less is at its level
 NO_FAULT_OF_IT = ("sensor_fault", UNKNOWN, NOT_TESTED)  # of the actuator
 EXPLAINED = 1.5  # times the expected NIS
+START_S, LATE_S = (
+    4.0,
+    0.004,
+)  # of a log, in which its first start is over; by how much readings may be later than the command
+# What is no reading's doing, as SHAPE; more for a ramp as short as AROUND_S, of which late and held readings show another.
+CLEARLY, QUICK = 0.008, 0.15
 NOT_FOLLOWED = (
     "speed_cmd_rad_s is not what the servo followed: it is late, held, rounded, or not yet the ramp that the drive made of it; "
     "it was recovered from voltage and current instead. Log the command that the servo follows, with the other columns"
@@ -29,35 +36,70 @@ NOT_FOLLOWED = (
 def as_followed(log: Log, rig: Rig) -> Log | None:
     """`log` with `w_cmd` (n,) [rad/s] as its servo followed it, where its first start shows that this is not the logged one.
 
-    Equation 3 tells it, as in `recover_command`. None where the drive has no servo, no command was logged, or none can be
-    recovered.
+    Equation 3 tells it, as in `recover_command`, and so there is nothing left for it to check: the log is one for a rig without
+    its servo. None where the drive has no servo, no command was logged, or none can be recovered.
     """
-    if rig.driven.command is not None or not rig.watched.servo or not np.isfinite(log.w_cmd).any():
-        return None
-    try:
-        told = recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model, any_shape=False)
-    except (InvalidLogError, UsageError):  # nothing tells it, or the rig file has no motor
-        return None
-    if not _differs(log, told.w_cmd):
+    told = _as_told(log, rig)
+    if told is None or not _differs(log, told.w_cmd, 0.0, SHAPE):
         return None
     return replace(told, notes=(*log.notes, NOT_FOLLOWED))
 
 
-def _differs(log: Log, w_cmd: Array) -> bool:
-    """Whether the first start of the logged command has another shape than `w_cmd` (n,), on the way to the same speed."""
+def is_not_followed(log: Log, rig: Rig) -> bool:
+    """Whether the first start of a log leaves no doubt that its servo followed another command than the logged one.
+
+    What readings that are late, held or filtered make of a command is none.
+    """
+    moving = np.flatnonzero(np.nan_to_num(log.w_cmd))
+    if not moving.size:
+        return False
+    begun = log.part(slice(0, int(moving[0]) + round(START_S * log.rate_hz)))
+    told = _as_told(begun, rig)
+    return told is not None and _differs(begun, told.w_cmd, LATE_S, CLEARLY, QUICK)
+
+
+def _as_told(log: Log, rig: Rig) -> Log | None:
+    """`log` with the command that its servo shows."""
+    logged = np.isfinite(log.w_cmd).any() and not is_recovered(log)
+    if rig.driven.command is not None or not rig.watched.servo or not logged:
+        return None
+    try:
+        return recover_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig.model)
+    except (InvalidLogError, UsageError):  # nothing tells it, or the rig file has no motor
+        return None
+
+
+def _differs(log: Log, w_cmd: Array, late_s: float, share: float, quick: float = 0.0) -> bool:
+    """Whether the first start of the logged command has another shape than `w_cmd` (n,), on the way to the same speed.
+
+    share: of that speed, mean over the way up, for the best of the times within `late_s` [s] by which one may be later; quick:
+    more of it where the way up is short.
+    """
     way = np.abs(w_cmd)
     moving = np.flatnonzero(way > 0.0)
     if not moving.size or moving[0] == 0:
         return False
+    around, level, late = (round(s * log.rate_hz) for s in (AROUND_S, LEVEL_S, late_s))
     first = int(moving[0])
-    top = first + int(np.argmax(np.diff(way[first:], append=-1.0) <= 0.0))
-    around, level = round(AROUND_S * log.rate_hz), round(LEVEL_S * log.rate_hz)
-    off = log.w_cmd - w_cmd
-    behind, ramp = off[top + around : top + around + level], off[max(first - around, 0) : top + around]
-    behind, ramp, speed = behind[np.isfinite(behind)], ramp[np.isfinite(ramp)], float(way[top])
-    if not behind.size or not ramp.size or abs(np.median(behind)) > SAME_LEVEL * speed:
+    top = first + _brought_up(way[first:], level)
+    speed, behind = float(way[top]), slice(top + around, top + around + level)
+    there = np.isfinite(log.w_cmd[behind])
+    if not there.any() or abs(np.median((log.w_cmd - w_cmd)[behind][there])) > SAME_LEVEL * speed:
         return False
-    return float(np.mean(np.abs(ramp))) > SHAPE * speed
+    ramp = np.arange(max(first - around, late), min(top + around, log.t.size - late))
+    off = min(
+        float(np.nanmean(np.abs(log.w_cmd[ramp + shift] - w_cmd[ramp]))) for shift in range(-late, late + 1)
+    )
+    rough = float(np.median(np.abs(np.diff(w_cmd[first:top], 2)))) if top > first + 2 else 0.0
+    share += quick * min(1.0, around / max(top - first, 1)) ** 2
+    return off > max(share * speed, rough)
+
+
+def _brought_up(way: Array, level: int) -> int:
+    """The sample from which a speed (n,) that begins does not grow for `level` samples but for its noise."""
+    padded = np.concatenate((way, np.full(level, 0.0)))
+    highest = np.lib.stride_tricks.sliding_window_view(padded, level + 1)[: way.size].max(axis=1)
+    return int(np.argmax(highest <= STEADY * way))
 
 
 def may_not_be_followed(outcome: Outcome) -> bool:
@@ -69,7 +111,7 @@ def may_not_be_followed(outcome: Outcome) -> bool:
     if found is None or not is_odd(outcome):
         return False
     said, fit = found.verdict, found.consistency
-    later = said.onset_s is not None and said.onset_s > said.start_s + SETTLED_S
+    later = said.onset_s is not None and said.onset_s > said.start_s + SETTLED_S and said.label != UNKNOWN
     return not (later and fit.nis_mean <= EXPLAINED * fit.nis_expected)
 
 
@@ -88,4 +130,4 @@ def better(one: Outcome, two: Outcome) -> Outcome:
     if found is None or found.verdict.label in NO_FAULT_OF_IT:
         return one
     fits = found.consistency.nis_mean <= EXPLAINED * found.consistency.nis_expected
-    return replace(two, warnings=(NOT_FOLLOWED, *two.warnings)) if fits else one
+    return two if fits else one

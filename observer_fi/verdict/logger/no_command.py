@@ -7,18 +7,24 @@ readings is how the recovered command is off. Of 152 moves without a command, mo
 
 from dataclasses import replace
 
+import numpy as np
+
 from observer_fi.logs import is_recovered, with_command
 from observer_fi.physics import Rig
 from observer_fi.records import Log
+from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, is_not_followed
 
 NOT_CHECKED = "no commanded speed was logged: what the servo makes of it is not checked"
 
 
 def with_its_servo(log: Log, rig: Rig) -> tuple[Log, Rig]:
-    """The log with its command, and the rig to judge it with: one without its servo where no command was logged.
+    """The log with its command, and the rig to judge it with: one without its servo where no command was logged, or another one.
 
     Raises InvalidLogError where nothing tells the speed.
     """
+    if is_not_followed(log, rig):
+        told = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig)
+        return replace(told, notes=(*log.notes, NOT_FOLLOWED)), rig.without_servo
     log = with_command(log, rig)
     if rig.law is not None or not rig.watched.servo or not is_recovered(log):
         return log, rig
