@@ -6,14 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden import draw_failing_case, draw_move_case, make_log, make_log_with, write_log
+from hidden import (
+    draw_failing_case,
+    draw_move_case,
+    draw_severity_case,
+    make_log,
+    make_log_with,
+    write_log,
+)
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
 from observer_fi.records import Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose, diagnose_log
-from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed
+from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed, is_not_followed
 
 RIG, SETTINGS = load_rig(), Settings()
 CLASSES = ("nominal", "overload", "coupling_loss")
@@ -53,6 +60,33 @@ def test_whatever_was_logged_for_the_command(kind: str) -> None:
     said = [said_of(kind, seed) for seed in seeds]
     assert sum(label == CLASSES[seed % 3] for (label, _), seed in zip(said, seeds, strict=True)) >= 4
     assert any(told for _, told in said)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["s_curve", "without_rests", "soft_ramps"])
+@pytest.mark.parametrize("kind", ["late", "held", "without its ramp", "noisy"])
+def test_whatever_shape_it_has(kind: str, shape: str) -> None:
+    """Health and a fault; of such logs one of four was right while the servo's equation was asked of what it had recovered."""
+    for seed, label in ((99_410_000, "nominal"), (99_410_001, "coupling_loss")):
+        log = log_from_frame(make_log(draw_severity_case(seed, label, shape), seed)[0])
+        found = diagnose_log(replace(log, w_cmd=SPOILT[kind](log, seed)), RIG, SETTINGS).isolation
+        assert found is not None and label in (found.verdict.label, *found.verdict.alike)
+
+
+@pytest.mark.parametrize("kind", ["late", "held", "without its ramp"])
+def test_a_first_start_leaves_no_doubt_of_it(kind: str) -> None:
+    log = log_from_frame(make_log(draw_severity_case(99_410_002, "nominal", "soft_ramps"), 99_410_002)[0])
+    assert is_not_followed(replace(log, w_cmd=SPOILT[kind](log, 0)), RIG)
+
+
+@pytest.mark.parametrize(
+    "trait", ["ideal", "noise_3", "voltage_late", "low_pass", "drive_400hz", "no_command"]
+)
+@pytest.mark.parametrize("shape", ["", "s_curve", "without_rests", "uneven"])
+def test_readings_that_are_late_or_held_are_no_other_command(trait: str, shape: str) -> None:
+    seed = 99_410_003
+    log = log_from_frame(make_log_with(trait, draw_severity_case(seed, "nominal", shape), seed)[0])
+    assert not is_not_followed(log, RIG)
 
 
 @pytest.mark.slow

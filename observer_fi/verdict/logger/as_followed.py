@@ -12,6 +12,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs import is_recovered, recover_command
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
+from observer_fi.verdict.logger.at_ticks import held_together
 from observer_fi.verdict.moves.whole_move import SETTLED_S
 
 AROUND_S = 0.02  # of a ramp: the servo's ringing, or a command that comes later
@@ -48,13 +49,13 @@ def as_followed(log: Log, rig: Rig) -> Log | None:
 def is_not_followed(log: Log, rig: Rig) -> bool:
     """Whether the first start of a log leaves no doubt that its servo followed another command than the logged one.
 
-    What readings that are late, held or filtered make of a command is none.
+    What readings that are late or filtered make of a command is none, and held ones tell too little of its ramps.
     """
     moving = np.flatnonzero(np.nan_to_num(log.w_cmd))
     if not moving.size:
         return False
     begun = log.part(slice(0, int(moving[0]) + round(START_S * log.rate_hz)))
-    told = _as_told(begun, rig)
+    told = None if held_together(begun, rig) else _as_told(begun, rig)
     return told is not None and _differs(begun, told.w_cmd, LATE_S, CLEARLY, QUICK)
 
 
