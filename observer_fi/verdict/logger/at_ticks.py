@@ -30,9 +30,12 @@ def at_ticks(log: Log, rig: Rig) -> Log:
 
 
 def is_held(log: Log, rig: Rig) -> bool:
-    """Whether the first rows of a log show voltage and current, what there is of them, held together beside an unknown servo."""
-    if rig.watched.servo:
-        return False
+    """Whether the first rows of a log show voltage and current held together beside an unknown servo."""
+    return not rig.watched.servo and held_together(log, rig)
+
+
+def held_together(log: Log, rig: Rig) -> bool:
+    """Whether the first rows of a log show voltage and current, what there is of them, held together."""
     fresh = _fresh(log.part(slice(0, CHUNK_ROWS)), rig)
     ticks, both = np.count_nonzero(fresh.any(axis=1)), np.count_nonzero(fresh.all(axis=1))
     return bool(0 < ticks < MOST * len(fresh) and both >= TOGETHER * ticks)
