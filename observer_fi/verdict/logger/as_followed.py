@@ -22,12 +22,10 @@ SHAPE = 0.0015  # of the level, mean over the ramp: several times what recoverin
 STEADY = 1.02  # times a speed: what grows by less is at its level
 NO_FAULT_OF_IT = ("sensor_fault", UNKNOWN, NOT_TESTED)  # of the actuator
 EXPLAINED = 1.5  # times the expected NIS
-START_S, LATE_S = (
-    4.0,
-    0.004,
-)  # of a log, in which its first start is over; by how much readings may be later than the command
-# What is no reading's doing, as SHAPE; more for a ramp as short as AROUND_S, of which late and held readings show another.
-CLEARLY, QUICK = 0.008, 0.15
+START_S = 4.0  # of a log, in which its first start is over
+LATE_S = 0.004  # by which readings may be later than the command
+LONG = 5.0  # times AROUND_S: a way up of which late and held readings, or a delay of the servo, make no other ramp
+CLEARLY = 0.008  # what is no reading's doing, as SHAPE
 NOT_FOLLOWED = (
     "speed_cmd_rad_s is not what the servo followed: it is late, held, rounded, or not yet the ramp that the drive made of it; "
     "it was recovered from voltage and current instead. Log the command that the servo follows, with the other columns"
@@ -56,7 +54,7 @@ def is_not_followed(log: Log, rig: Rig) -> bool:
         return False
     begun = log.part(slice(0, int(moving[0]) + round(START_S * log.rate_hz)))
     told = None if held_together(begun, rig) else _as_told(begun, rig)
-    return told is not None and _differs(begun, told.w_cmd, LATE_S, CLEARLY, QUICK)
+    return told is not None and _differs(begun, told.w_cmd, LATE_S, CLEARLY, soft=True)
 
 
 def _as_told(log: Log, rig: Rig) -> Log | None:
@@ -70,11 +68,11 @@ def _as_told(log: Log, rig: Rig) -> Log | None:
         return None
 
 
-def _differs(log: Log, w_cmd: Array, late_s: float, share: float, quick: float = 0.0) -> bool:
+def _differs(log: Log, w_cmd: Array, late_s: float, share: float, soft: bool = False) -> bool:
     """Whether the first start of the logged command has another shape than `w_cmd` (n,), on the way to the same speed.
 
-    share: of that speed, mean over the way up, for the best of the times within `late_s` [s] by which one may be later; quick:
-    more of it where the way up is short.
+    share: of that speed, mean over the way up, for the best of the times within `late_s` [s] by which one may be later; soft:
+    only where that way is long.
     """
     way = np.abs(w_cmd)
     moving = np.flatnonzero(way > 0.0)
@@ -92,8 +90,7 @@ def _differs(log: Log, w_cmd: Array, late_s: float, share: float, quick: float =
         float(np.nanmean(np.abs(log.w_cmd[ramp + shift] - w_cmd[ramp]))) for shift in range(-late, late + 1)
     )
     rough = float(np.median(np.abs(np.diff(w_cmd[first:top], 2)))) if top > first + 2 else 0.0
-    share += quick * min(1.0, around / max(top - first, 1)) ** 2
-    return off > max(share * speed, rough)
+    return off > max(share * speed, rough) and (not soft or top - first > LONG * around)
 
 
 def _brought_up(way: Array, level: int) -> int:
@@ -112,7 +109,7 @@ def may_not_be_followed(outcome: Outcome) -> bool:
     if found is None or not is_odd(outcome):
         return False
     said, fit = found.verdict, found.consistency
-    later = said.onset_s is not None and said.onset_s > said.start_s + SETTLED_S and said.label != UNKNOWN
+    later = said.onset_s is not None and said.onset_s > said.start_s + SETTLED_S
     return not (later and fit.nis_mean <= EXPLAINED * fit.nis_expected)
 
 
