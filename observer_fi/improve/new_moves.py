@@ -20,9 +20,7 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import describes, diagnose_log
 
 MOST_MOVES = 12  # that are diagnosed, from the whole of the logs
-SHOWN = (
-    2  # moves that every rig is asked about, for the record: one in doubt takes many seconds of the processor
-)
+SHOWN = 2  # moves that every rig is asked about, for the record: one in doubt takes many seconds
 ENOUGH = 3  # alarms of a rig that tell how it does
 _TOGETHER = 2  # moves asked at once: filters leave the interpreter's lock
 _REST_S = 1.0  # of the rests around a move

@@ -68,10 +68,8 @@ def is_recovered(log: Log) -> bool:
     return any(note.startswith(ABSENT) for note in log.notes)
 
 
-def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:
-    """`log` with `w_cmd` recovered, and a note that says so.
-
-    any_shape: whether it may have other ramps than those of the model; a second note says that it has.
+def recover_command(log: Log, model: Model) -> Log:
+    """`log` with `w_cmd` recovered, and a note that says so; a second one where it has other ramps than those of the model.
 
     Moves that hold their speed for less than two blocks of 5 ms are not seen. Raises InvalidLogError where
     neither voltage nor encoder tell the speed, UsageError where the model has no motor. Without a servo in the model
@@ -100,7 +98,7 @@ def recover_command(log: Log, model: Model, any_shape: bool = True) -> Log:
     w_cmd = _trapezoid(log.t, command, known, full, levels, noise, model["accel_cmd"] or STEEP)
     if not has_loop:
         w_cmd = _on_while_stalled(log, w_cmd)
-    elif any_shape:
+    else:
         rough = max(_roughness(command[known]), rounding, NOISE_FLOOR)
         shown = as_shown(log, Shown(command, known, rough, full), w_cmd, levels, model)
         log, w_cmd = (log, w_cmd) if shown is None else (replace(log, notes=(*log.notes, SHOWN)), shown)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer_fi.bank.hypotheses import NO_NEWS, arrays, bank, repeat_share
-from observer_fi.bank.rig_scale import PAPERS_HZ, between_samples, scale_of
+from observer_fi.bank.rig_scale import PAPERS_HZ, between_samples, scale_of, usual_errors, with_servo_error
 from observer_fi.physics import DataSheet, load_rig, rig_of_sheet, with_values
 from observer_fi.records import Acquisition, ChannelTraits, Clock
 from observer_fi.settings import BankSettings
@@ -54,6 +54,16 @@ def test_a_guess_and_the_error_of_a_fit_widen_the_prior() -> None:
     assert width(SLIDE) == pytest.approx(SLIDE.spread("J")) and SLIDE.spread("J") > 0.1
     J = paper.model["J"]
     assert width(with_values(paper, {"J": J}, {"J": 0.12 * J})) == pytest.approx(0.13)
+
+
+@pytest.mark.parametrize("learned", [0.0, 0.1], ids=["", "healthy logs have shown less"])
+@pytest.mark.parametrize("friction", [1.0, 30.0])
+def test_an_integral_has_the_room_that_it_is_given(learned: float, friction: float) -> None:
+    """Whatever a rig's file says of its servo's equation, and however large the rig is."""
+    usual, rig = usual_errors(SETTINGS, load_rig()), load_rig()
+    rig = replace(rig, errors={name: learned * value for name, value in usual.items()} if learned else {})
+    rig = with_values(rig, {"A": friction * rig.model["A"]})
+    assert usual_errors(with_servo_error(SETTINGS, rig, 0.7), rig)["servo"] == pytest.approx(0.7)
 
 
 def test_slow_samples_of_an_unknown_servo_leave_its_speed_in_doubt() -> None:

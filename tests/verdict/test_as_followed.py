@@ -16,7 +16,7 @@ from hidden import (
 )
 
 from observer_fi.logs import log_from_frame
-from observer_fi.physics import load_rig
+from observer_fi.physics import load_rig, with_values
 from observer_fi.records import Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose, diagnose_log
@@ -87,6 +87,15 @@ def test_readings_that_are_late_or_held_are_no_other_command(trait: str, shape: 
     seed = 99_410_003
     log = log_from_frame(make_log_with(trait, draw_severity_case(seed, "nominal", shape), seed)[0])
     assert not is_not_followed(log, RIG)
+
+
+@pytest.mark.parametrize("off", [0.7, 0.85, 1.15, 1.4])
+@pytest.mark.parametrize("constant", ["Rm", "Kp", "Ki"])
+def test_a_rig_file_that_is_off_leaves_a_command_what_it_is(constant: str, off: float) -> None:
+    rig = with_values(RIG, {constant: off * RIG.model[constant]})
+    for shape in ("s_curve", "soft_ramps"):
+        log = log_from_frame(make_log(draw_severity_case(99_610_000, "nominal", shape), 99_610_000)[0])
+        assert not is_not_followed(log, rig), shape
 
 
 @pytest.mark.slow
