@@ -5,7 +5,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from observer_fi.physics import Cause, Variant
+from observer_fi.physics import Cause, Variant, is_possible
 from observer_fi.records import Array
 
 F = TypeVar("F")  # what a fit of the problem is
@@ -97,8 +97,8 @@ class Smooth:
 
     gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
     at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
-    ohm, 1, m, A, V); empty where nothing that is known goes with it. coefficients: how many numbers it took. order,
-    frequency_hz: of a line, per turn of the motor or in time.
+    ohm, 1, m, A, V), or in `unit`; empty where nothing that is known goes with it. coefficients: how many numbers it took.
+    order, frequency_hz: of a line, per turn of the motor or in time.
     """
 
     equation: str
@@ -113,6 +113,12 @@ class Smooth:
     coefficients: int
     order: float | None = None
     frequency_hz: float | None = None
+    unit: str = ""
+
+    @property
+    def can_be_kept(self) -> bool:
+        """Whether the equations of a rig can take the curve."""
+        return not self.unit and is_possible(self.equation, self.regressor, self.directed)
 
 
 NOTHING_KNOWN = "unknown"  # the regressor of an equation with nothing that it goes with

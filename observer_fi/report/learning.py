@@ -18,7 +18,7 @@ from observer_fi.improve import (
 )
 from observer_fi.logs import Excitation, told_filter
 from observer_fi.numerics import digits, to_the_error, with_error
-from observer_fi.physics import CAUSES, PARAMETERS, Rig, is_possible, rig_toml
+from observer_fi.physics import CAUSES, PARAMETERS, Rig, rig_toml
 from observer_fi.records import Array, Filter, Fit, Parameter
 from observer_fi.report import disturbance_figures, learning_figures
 from observer_fi.report.diagnosis import environment, json_text, quantity, versions
@@ -120,7 +120,7 @@ _NOT_ASKED = (
 
 def not_kept(record: Improvement) -> str:
     """Why what is unexplained does not stand in the extended rig."""
-    if not any(is_possible(u.equation, u.regressor, u.directed) for u in record.unexplained):
+    if not any(u.can_be_kept for u in record.unexplained):
         return _NOT_KNOWN
     return _NOT_HELD if record.keep_unexplained else _NOT_ASKED
 

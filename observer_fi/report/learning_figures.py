@@ -131,6 +131,8 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
     for term in [term for term in terms if term.at.size][:3]:
         label, scale = regressor(residuals, term.regressor)
         what, unit = UNITS.get(term.equation, (term.equation, "1"))
+        if term.unit:
+            what, unit = "voltage in the winding", term.unit
         unit, factor = readable(unit, float(np.nanmax(np.abs(term.curve))))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]

@@ -17,7 +17,6 @@ from observer_fi.physics import (
     MOST_POINTS,
     Curve,
     curve_of,
-    is_possible,
     override,
     parameters,
     value_names,
@@ -42,7 +41,7 @@ class Kept:
 def fit_kept_curve(experiment: Experiment, fitted: FitResult, terms: Sequence[Smooth]) -> Kept | None:
     """The first of the terms that can stand in the equations and helps, as a curve fitted with everything else."""
     for term in terms:
-        if not is_possible(term.equation, term.regressor, term.directed):
+        if not term.can_be_kept:
             continue
         before = sum_of_squares(held_out_residuals(experiment, fitted))
         tried = [_with_curve(experiment, fitted, frame) for frame in _frames(experiment, fitted, term)]

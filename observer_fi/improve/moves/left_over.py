@@ -5,19 +5,28 @@ from dataclasses import replace
 
 from observer_fi.improve.freed.freed_equations import WANTED_NATS
 from observer_fi.improve.freed.smoothed_disturbance import Freedom
-from observer_fi.improve.moves.misfit import bent, dust, excess, raw_excess
+from observer_fi.improve.moves.misfit import (
+    OF_POSITION,
+    POSITION,
+    bent,
+    dust,
+    excess,
+    position_dust,
+    raw_excess,
+)
 from observer_fi.improve.moves.unexplained import price, rest_steps, slow_excess, smooth_terms
 from observer_fi.improve.steps import Ladder, Smooth, nameless
 from observer_fi.learn import Experiment, FitResult
 from observer_fi.records import Array
 
-_SENSORS = ("sensor:voltage", "sensor:current", "sensor:position")
+_SENSORS = ("sensor:voltage", "sensor:current")
 _UNEXPLAINED_SHARE = 0.2  # of the excess misfit that a smooth term must carry to be told
 _STEP_NATS = 20.0  # that a drift or tilt of the position sensor must gain in the steps between moves
 _SLOW_SHARE = 0.5  # of the dust that must be left in means over some ms before smooth terms are tried
 _BELOW = 0.02  # nats a reading below the noise, from which a freed equation follows the noise
 _CLEARLY = 2.0  # times the dust: what a freed equation must gain to be told without a name
 _AS_GOOD = 0.9  # a second regressor is told where it explains this much of what the first does
+_FEW = 4  # terms that are told: of a scale that is not the same everywhere every regressor explains the most
 
 
 def left_over(
@@ -56,28 +65,37 @@ def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smo
     """The smooth terms that the extended model still asks for, the best first."""
     r = ladder.extended.residuals
     whole = max(raw_excess(experiment, r), *(raw_excess(experiment, r, c) for c in range(3)))
-    least = dust(experiment, excess(experiment, ladder.baseline.residuals))
-    slow = slow_excess(experiment, r) > _SLOW_SHARE * least
+    most = excess(experiment, ladder.baseline.residuals)
+    least, of_position = dust(experiment, most), position_dust(experiment, most)
+    slow = (
+        slow_excess(experiment, r) > _SLOW_SHARE * least
+        or slow_excess(experiment, r, POSITION) > _SLOW_SHARE * of_position
+    )
     terms = smooth_terms(experiment, ladder.extended, whole) if slow else []
-    steps = rest_steps(experiment, ladder.extended)  # their share is that of the steps themselves
+    floors = {term.equation: of_position if term.equation in OF_POSITION else least for term in terms}
+    terms = [
+        term
+        for term in terms
+        if min(term.held_out, term.gain - price(experiment, term)) >= floors[term.equation]
+    ]
+    # Steps' share is that of the steps themselves.
+    steps = [term for term in rest_steps(experiment, ladder.extended) if term.held_out >= _STEP_NATS]
     terms = sorted([*terms, *steps], key=lambda term: -term.held_out)
     if not terms:
         return ()
     best = terms[0]
-    of_steps = any(best is term for term in steps)
-    floor = _STEP_NATS if of_steps else least
-    if best.held_out < floor or best.gain < floor + (0.0 if of_steps else price(experiment, best)):
-        return ()
     told: dict[tuple[str, str], Smooth] = {}
     for term in terms:
         share = term.share if any(term is step for step in steps) else _share(experiment, r, term, whole)
         if share >= _UNEXPLAINED_SHARE and term.held_out >= _AS_GOOD * best.held_out:
             told.setdefault((term.equation, term.regressor), replace(term, share=share))
-    return tuple(told.values())
+    return tuple(told.values())[:_FEW]
 
 
 def _share(experiment: Experiment, r: Array, term: Smooth, whole: float) -> float:
-    """Share of the residual's excess variance, of its own channel for a sensor, that the term explains."""
-    if term.equation in _SENSORS:
+    """Share of the residual's excess variance, of the only channel where one shows it, that the term explains."""
+    if term.equation in OF_POSITION:
+        whole = raw_excess(experiment, r, POSITION)
+    elif term.equation in _SENSORS:
         whole = raw_excess(experiment, r, _SENSORS.index(term.equation))
     return min(term.held_out / max(whole, term.gain, 1e-300), 1.0)

@@ -11,6 +11,7 @@ from observer_fi.records import Array
 _DUST = 0.001
 _DUST_NOISE = 0.07
 POSITION = 2  # channel
+OF_POSITION = ("kinematics", "sensor:position")  # equations that only this channel shows
 _CARRIED = ("backlash", "position_lag")  # effects by which a move goes on from all those before it
 _POSITION_DUST = 0.05  # its share
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold

@@ -1,18 +1,20 @@
 """Accepted names that are refuted by what they leave: a law that is right leaves nothing of its equation.
 
-What stands for the truth explains a part of the misfit, often the most of it. Three rests show it: one that is told without a
-curve, or beside one, and is larger than what the name gained; one that is told without a curve, of the name's own equation; and
-one of a curve which, in place of the name, explains what both do.
+What stands for the truth explains a part of the misfit, often the most of it. Four rests show it: one that is told without a
+curve, or beside one, and is larger than what the name gained; one that is told without a curve, of the name's own equation; one
+of a curve which, in place of the name, explains what both do; and, beside a scale of the position, a curve over the position.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from observer_fi.improve.moves.misfit import missed
+from observer_fi.improve.moves.misfit import OF_POSITION, missed
 from observer_fi.improve.moves.unexplained import price, smooth_terms
 from observer_fi.improve.steps import NOTHING_KNOWN, Ladder, Smooth, Step
 from observer_fi.learn import Experiment, FitResult
 
+_SCALES = {"position_gain", "partial_slip"}  # of the travel, the same everywhere
+_ALONG = ("position", "screw_angle")
 _MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides
 
 
@@ -32,7 +34,8 @@ def unrefuted(
     for step in sorted(ladder.steps, key=lambda s: s.trial.gain):
         before = without(fitted, step)
         gain = before.objective - fitted.objective
-        if gain < dark or _is_part_of_it(step, rest[0]) or _is_needless(experiment, before, gain, curve):
+        refuted = gain < dark or _is_part_of_it(step, rest[0]) or _is_no_scale(step, rest[0])
+        if refuted or _is_needless(experiment, before, gain, curve):
             fitted = before
             gone.append(step)
     return _less(ladder, fitted, gone)
@@ -42,6 +45,11 @@ def _is_part_of_it(step: Step[FitResult], first: Smooth) -> bool:
     """Whether an equation that nothing known goes with, and that the data want free, is that of a name."""
     equations = {candidate.cause.equation for candidate in step.trial.candidates}
     return first.regressor == NOTHING_KNOWN and first.gain > 0.0 and first.equation in equations
+
+
+def _is_no_scale(step: Step[FitResult], first: Smooth) -> bool:
+    """Whether a scale of the travel is not the same everywhere along it."""
+    return set(step.trial.causes) <= _SCALES and first.equation in OF_POSITION and first.regressor in _ALONG
 
 
 def _is_needless(experiment: Experiment, before: FitResult, gain: float, curve: float) -> bool:

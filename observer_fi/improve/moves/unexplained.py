@@ -1,6 +1,7 @@
 """What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +12,14 @@ from observer_fi.improve.moves.screening import Projector
 from observer_fi.improve.steps import Smooth
 from observer_fi.learn import (
     CURRENT,
+    DISTURBANCES,
     FRICTION,
     POSITION,
     RESISTANCE,
     TORQUE,
     TRAVEL,
     VOLTAGE,
+    WINDING,
     Experiment,
     FitResult,
     Linear,
@@ -37,9 +40,9 @@ _BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
 _FEWEST_STEPS = 4  # between moves
 _DRAWN = 200  # points of a curve that is drawn from its functions
 _STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without effects scatter by so much
-# Of every equation what is disturbed, and for a torque also against the direction of motion.
+# Of every equation what is disturbed, the second for a torque against the direction of motion.
 KINDS = {
-    "torque": (TORQUE, FRICTION), "electrical": (RESISTANCE,), "kinematics": (TRAVEL,), "sensor:position": (POSITION,),
+    "torque": (TORQUE, FRICTION), "electrical": (RESISTANCE, WINDING), "kinematics": (TRAVEL,), "sensor:position": (POSITION,),
     "sensor:current": (CURRENT,), "sensor:voltage": (VOLTAGE,),
 }  # fmt: skip
 
@@ -68,9 +71,11 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     found = []
     for shape in _shapes(experiment, projector, fitted.model, linear, states):
         for equation, kinds in KINDS.items():
-            for directed, kind in enumerate(kinds):
+            for kind in kinds:
                 columns = response(experiment, linear, kind, shape.basis)
-                found.append(_judge(experiment, projector, columns, equation, shape, bool(directed), excess))
+                term = _judge(experiment, projector, columns, equation, shape, excess)
+                unit = DISTURBANCES[kind].unit if kind == WINDING else ""
+                found.append(replace(term, directed=kind == FRICTION, unit=unit))
     return sorted(found, key=lambda term: -term.held_out)
 
 
@@ -166,7 +171,6 @@ def _judge(
     columns: Array,
     equation: str,
     shape: Shape,
-    directed: bool,
     excess: float,
 ) -> Smooth:
     """Gain of a smooth term, in all and predicted for every move from the others."""
@@ -192,7 +196,7 @@ def _judge(
     share = min(max(held_out / excess, 0.0), 1.0) if excess > 0.0 else 0.0
     drawn = _drawn(shape, coefficients, errors)
     line = (shape.order, shape.frequency_hz)
-    return Smooth(equation, shape.regressor, directed, gain, held_out, share, *drawn, K, *line)
+    return Smooth(equation, shape.regressor, False, gain, held_out, share, *drawn, K, *line)
 
 
 def _drawn(shape: Shape, coefficients: Array, errors: Array) -> tuple[Array, Array, Array]:
@@ -205,16 +209,19 @@ def _drawn(shape: Shape, coefficients: Array, errors: Array) -> tuple[Array, Arr
     return shape.over[k], coefficients @ basis, np.sqrt(errors**2 @ basis**2)
 
 
-def slow_excess(experiment: Experiment, r: Array) -> float:
-    """Misfit over the noise [nats] of means over blocks of the residuals: what any smooth term could hope to gain."""
-    total = 0.0
+def slow_excess(experiment: Experiment, r: Array, channel: int | None = None) -> float:
+    """Misfit over the noise [nats] of means over blocks of the residuals, of all or of one channel.
+
+    What any smooth term could hope to gain.
+    """
+    total, chosen = 0.0, slice(None) if channel is None else channel
     for m in range(experiment.moves):
         rows = experiment.rows(m)
         count = (rows.stop - rows.start) // _BLOCK
         part = slice(rows.start, rows.start + count * _BLOCK)
         seen = (experiment.weight[part] > 0.0).reshape(count, _BLOCK, 3).sum(axis=1)
         means = r[part].reshape(count, _BLOCK, 3).sum(axis=1) / np.sqrt(np.maximum(seen, 1))
-        total += 0.5 * float(np.sum(means**2 - (seen > 0)))
+        total += 0.5 * float(np.sum((means**2 - (seen > 0))[:, chosen]))
     return total
 
 

@@ -8,6 +8,7 @@ import pytest
 from campaigns import campaign
 
 from observer_fi.improve.moves.left_over import left_over
+from observer_fi.improve.moves.misfit import dust, excess, position_dust
 from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.improve.steps import Ladder, Smooth
 from observer_fi.physics import load_rig
@@ -39,3 +40,24 @@ def test_a_curve_that_explains_little_does_not_hide_the_equation_that_is_wanted(
     rows = [SimpleNamespace(equation=wanted, gain=1e5), SimpleNamespace(equation="electrical", gain=1e4)]
     found = left_over(problem.experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: (tuple(rows), ()))
     assert [row.equation for row in found] == told
+
+
+@pytest.mark.parametrize(
+    ("equation", "told"), [("sensor:position", True), ("kinematics", True), ("torque", False)]
+)
+def test_what_only_the_position_shows_is_told_from_less_on(
+    equation: str, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Timing of a servo, which everything else has to be larger than, does not reach the position."""
+    problem = simulated_moves([campaign()], load_rig())
+    fitted, experiment = problem.baseline(), problem.experiment
+    most = excess(experiment, fitted.residuals)
+    gain = 0.5 * (position_dust(experiment, most) + dust(experiment, most))
+    term = Smooth(
+        equation, "position", False, 2.0 * gain, gain, 0.5, np.empty(0), np.empty(0), np.empty(0), 1
+    )
+    monkeypatch.setattr(LEFT_OVER, "smooth_terms", lambda *_: [term])
+    monkeypatch.setattr(LEFT_OVER, "rest_steps", lambda *_: [])
+    monkeypatch.setattr(LEFT_OVER, "slow_excess", lambda *_: 1e6)
+    found = left_over(experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: ((), ()))
+    assert [row.equation for row in found] == [equation] * told

@@ -1,6 +1,7 @@
 """A name is taken back where what it leaves shows that another law is at work."""
 
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import hidden
@@ -18,6 +19,7 @@ from observer_fi.physics import CAUSES, Coverage, load_rig
 REFUTED = sys.modules["observer_fi.improve.moves.refuted"]
 EXPERIMENT = SimpleNamespace(weight=np.ones((1000, 3)))
 NOTHING = np.empty(0)
+FAINT = ("position_hysteresis", "lead_swing")  # what is told of them at their detectable size already
 
 
 def curve(equation: str, gain: float) -> Smooth:
@@ -56,6 +58,28 @@ def test_a_name_stands_by_what_it_leaves(
     assert found.refused == (() if kept else (("viscous_friction", 1000.0),))
 
 
+@pytest.mark.parametrize(
+    ("cause", "equation", "regressor", "stays"),
+    [
+        ("position_gain", "sensor:position", "position", False),
+        ("partial_slip", "kinematics", "screw_angle", False),
+        ("position_gain", "kinematics", "speed", True),
+        ("position_gain", "torque", "position", True),
+        ("viscous_friction", "sensor:position", "position", True),
+    ],
+)
+def test_a_scale_that_is_not_the_same_along_the_travel_is_none(
+    cause: str, equation: str, regressor: str, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A screw whose lead swings was a position_gain for sure."""
+    monkeypatch.setattr(REFUTED, "missed", lambda *_: 100.0)
+    monkeypatch.setattr(REFUTED, "smooth_terms", lambda *_: [curve("torque", 0.0)])
+    baseline, extended = SimpleNamespace(objective=1100.0), SimpleNamespace(objective=100.0)
+    ladder = Ladder(baseline, extended, (step_of(cause, 1000.0),), (extended,), (), ())
+    left = replace(curve(equation, 100.0), regressor=regressor)
+    assert bool(unrefuted(EXPERIMENT, ladder, [left], lambda *_: baseline).steps) == stays
+
+
 def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(REFUTED, "missed", lambda *_: 500.0)
     fits = [SimpleNamespace(objective=objective) for objective in (3300.0, 800.0, 500.0)]
@@ -72,11 +96,14 @@ def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyP
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "seed"),
-    [("km_by_direction", 7110007), ("lead_heating", 7110010), ("square_drag", 7110013), ("kp_by_error", 7110020)],
+    [
+        ("km_by_direction", 7110007), ("lead_heating", 7110010), ("square_drag", 7110013), ("kp_by_error", 7110020),
+        ("position_hysteresis", 7110033), ("lead_swing", 99100040),
+    ],
 )  # fmt: skip
 def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause: str, seed: int) -> None:
-    """They were voltage_offset, position_gain, viscous_friction and load_dependent_friction."""
-    spec = hidden.draw_effects_case(seed, (cause,), 3.0)
+    """They were voltage_offset, position_gain, viscous_friction, load_dependent_friction, and position_gain twice."""
+    spec = hidden.draw_effects_case(seed, (cause,), 1.0 if cause in FAINT else 3.0)
     log, rig = log_from_frame(hidden.make_log(spec, seed)[0]), load_rig()
     problem = simulated_moves([log], with_servo([log], rig))
     ladder = problem.reconsidered(name_causes(problem))
