@@ -3,6 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from observer_fi.logs.cleaning import NO_PITCH
 from observer_fi.logs.columns import PLAIN, ColumnMap, columns_of, load_columns
 from observer_fi.logs.command_recovery import (
     ABSENT,
@@ -116,6 +117,7 @@ __all__ = [
     "even",
     "on_its_clock",
     "ABSENT",
+    "NO_PITCH",
     "is_recovered",
     "position_speed",
     "BrokenLineError",

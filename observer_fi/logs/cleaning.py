@@ -19,6 +19,7 @@ from observer_fi.numerics import digits
 from observer_fi.records import Array, Gap, Log, Rejected
 
 FEWEST_SAMPLES = 10
+NO_PITCH = "pitch_deg is absent: taken"  # how the note begins that says so
 SLOWEST_STEP_S = (
     0.05  # the servo rings at 22 Hz: beyond this a log shows no move, or its clock is not in seconds
 )
@@ -444,7 +445,7 @@ def column_notes(table: Table) -> tuple[str, ...]:
     notes = {
         "voltage_v": "voltage_v is absent: the speed channel (V - Rm i) / Km is not available",
         "current_a": "current_a is absent: the drive is taken from force_cmd_n",
-        "pitch_deg": "pitch_deg is absent: taken as 0",
+        "pitch_deg": f"{NO_PITCH} as 0",
         "speed_cmd_rad_s": "speed_cmd_rad_s is absent: it has to be recovered from the data",
     }
     unused = ("load_n is read; no equation uses it",) if "load_n" in table.columns else ()

@@ -66,6 +66,7 @@ from observer_fi.verdict.logger.left_out import (
     without,
 )
 from observer_fi.verdict.logger.no_command import with_its_servo
+from observer_fi.verdict.logger.no_pitch import is_told_pitch, or_another_pitch, told_pitch, with_its_pitch
 from observer_fi.verdict.logger.other_channels import not_the_sensor_alone, or_another, with_the_actuator
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
@@ -143,11 +144,13 @@ def diagnose(
         recovered = at_ticks(recovered, rig)
     elif not rig.watched.servo and is_held(begin(), rig):
         recovered = at_ticks(read_log(path, columns), rig)
+    filed, rig = rig, with_its_pitch(begin() if recovered is None else recovered, rig, settings.bank)
+    run = run if rig is filed else begun(rig)
     run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
-        "rejected_count": whole.rejected_count, "notes": _notes(whole.notes, rig),
+        "rejected_count": whole.rejected_count, "notes": told_pitch(_notes(whole.notes, rig), rig, filed),
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
     read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
@@ -156,11 +159,16 @@ def diagnose(
     for other in _taken_otherwise(outcome, read, begin, rig, settings):
         again = begun(other.rig)
         again.add_all(_pieces(other.log, progress))
-        told = again.outcome(log_name(path), {**facts, "notes": _notes(other.log.notes, rig)})
+        notes = told_pitch(_notes(other.log.notes, rig), rig, filed)
+        told = again.outcome(log_name(path), {**facts, "notes": notes})
         found = other.choose(outcome, told)
         if found is not outcome:
-            return or_unbalanced(found, begin, rig)
-    return or_unbalanced(outcome, begin, rig)
+            return _last_doubts(found, begin, rig)
+    return _last_doubts(outcome, begin, rig)
+
+
+def _last_doubts(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
+    return or_another_pitch(or_unbalanced(outcome, begin, rig), rig)
 
 
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
@@ -231,7 +239,9 @@ def judged(
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     given, rig = with_its_servo(log, rig)
-    given = at_ticks(given, rig)
+    given, filed = at_ticks(given, rig), rig
+    rig = with_its_pitch(given, rig, settings.bank)
+    given = replace(given, notes=told_pitch(given.notes, rig, filed))
     outcome, estimate = _judged(given, rig, settings, engine, filter_kind)
     outcome = or_a_changed_noise(or_another(outcome, lambda: given, rig, settings), lambda: given, rig)
     for other in _taken_otherwise(outcome, lambda: given, lambda: given, rig, settings):
@@ -239,8 +249,8 @@ def judged(
         found = other.choose(outcome, again)
         if found is not outcome:
             rests_on = told if found.acquisition is again.acquisition else estimate
-            return or_unbalanced(found, lambda: given, rig), rests_on
-    return or_unbalanced(outcome, lambda: given, rig), estimate
+            return _last_doubts(found, lambda: given, rig), rests_on
+    return _last_doubts(outcome, lambda: given, rig), estimate
 
 
 def _judged(
@@ -541,6 +551,7 @@ class Diagnosis:
         known = cautions(self.as_logged, isolation, self.rate, self.left_out_s) if self.as_logged else ()
         return (
             *([NOT_FOLLOWED] if NOT_FOLLOWED in log.notes else []),
+            *(note for note in log.notes if is_told_pitch(note)),
             *([foreign] if foreign else []),
             *(self.suspects or ()),
             *explain.second_faults(isolation),

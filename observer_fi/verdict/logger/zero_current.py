@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.bank import Bank, bank
 from observer_fi.logs import moves_from_rest
@@ -62,6 +63,14 @@ def with_zero(rig: Rig, zero: float) -> Rig:
     return with_values(rig, {"current_offset": rig.model["current_offset"] + zero}) if zero else rig
 
 
+def said_by_nominal(log: Log, rig: Rig, settings: BankSettings, read: NDArray[np.int64]) -> Said:
+    """What the nominal filter says of moves; read: (n,) readings of each sample."""
+    e = Bank(rig, settings, hypotheses=bank(rig, settings)[:1]).advance(log)
+    moving = e.active & (read > 0)
+    misfit = float(np.mean(e.nis[moving, 0] / read[moving])) if moving.any() else math.inf
+    return Said(float(np.nansum(e.density[BEGIN:, 0])), misfit)
+
+
 class _Moves:
     """Moves that go both ways, by zeros of the current."""
 
@@ -78,10 +87,7 @@ class _Moves:
 
     def _said(self, zero: float) -> Said:
         rig, log = self._with(zero)
-        e = Bank(rig, self.settings, hypotheses=bank(rig, self.settings)[:1]).advance(log)
-        moving = e.active & (self.read > 0)
-        misfit = float(np.mean(e.nis[moving, 0] / self.read[moving])) if moving.any() else math.inf
-        return Said(float(np.nansum(e.density[BEGIN:, 0])), misfit)
+        return said_by_nominal(log, rig, self.settings, self.read)
 
     def hint(self) -> float:
         """Nats that are gained a little to one side, or farther where a rest shows an offset.

@@ -1,0 +1,142 @@
+"""A log without a pitch: gravity drives its mass all the same, as if the vehicle had one pitch that its first motion tells.
+
+Equation 3 has the pitch in proportion, so that taken as 0 it is friction that is less one way and more the other: a healthy
+reversal was a jam for sure.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer_fi.logs import NO_PITCH, Readings, acquisition_of, moves_from_rest
+from observer_fi.numerics import count_in_rows
+from observer_fi.physics import NOMINAL, UNKNOWN, Rig, with_values
+from observer_fi.records import Log, Outcome
+from observer_fi.settings import BankSettings
+from observer_fi.verdict.drift import SURE, or_as_well
+from observer_fi.verdict.logger.left_out import shared
+from observer_fi.verdict.logger.offset import electrical_offset
+from observer_fi.verdict.logger.zero_current import Said, said_by_nominal
+from observer_fi.verdict.testable import for_readings
+
+MOVES = 2  # that are looked at
+WINDOWS_S = (6.0, 3.0, 1.5, 0.7, 0.3)  # of them: the longest that nominal explains with some pitch tells it
+STEEPEST_DEG = 90.0
+STEP, WITHIN = (
+    0.25,
+    0.01,
+)  # of the pitch that weighs as much as the friction: between first looks, and how well
+# Nats that a pitch must gain over none, and how well nominal then fits: NIS over its expectation.
+NOTICED_NATS, FITS = 40.0, 1.3
+DRIFTS_DEG = 2.0  # by which a vehicle's pitch differs from what its first motion shows
+_DRIFTED = "no pitch was logged: one that differs by {:.1f} deg from what it was taken for looks the same"
+_NOTHING = "no pitch was logged: what gravity does to the mass is not known"
+_LOG_IT = "Log the pitch of the vehicle"
+_TOLD = (
+    "{} as {:.1f} deg, as the first motion of the log shows; friction that had changed before it begins looks the same in one "
+    "direction, and a pitch that changes like a fault. " + _LOG_IT
+)
+
+
+def with_its_pitch(log: Log, rig: Rig, settings: BankSettings) -> Rig:
+    """The rig whose pitch sensor is off by the pitch that a log without one shows in its first motion, if it matters.
+
+    log: its beginning at least, with its command.
+    """
+    if not _is_needed(log, rig):
+        return rig
+    moves = moves_from_rest(log)[:MOVES]
+    for seconds in WINDOWS_S if moves else ():
+        end = min(moves[-1].end, int(np.searchsorted(log.t, log.t[moves[0].start] + seconds)))
+        first = _First(log.part(slice(moves[0].rest, end)), rig, settings)
+        pitch = first.best()
+        if first.said(pitch).misfit < FITS:
+            matters = first.said(pitch).nats > first.said(0.0).nats + NOTICED_NATS
+            return _pitched(rig, pitch) if matters else rig
+    return rig
+
+
+def told_pitch(notes: Sequence[str], known: Rig, given: Rig) -> tuple[str, ...]:
+    """Notes of a log, that of a missing pitch with what it was taken for. known: the rig with that pitch, given: without."""
+    pitch = given.model["pitch_offset"] - known.model["pitch_offset"]
+    if pitch == 0.0:
+        return tuple(notes)
+    return tuple(_TOLD.format(NO_PITCH, pitch) if note.startswith(NO_PITCH) else note for note in notes)
+
+
+def is_told_pitch(note: str) -> bool:
+    """Whether a note says what a missing pitch was taken for."""
+    return note.startswith(NO_PITCH) and note.endswith(_LOG_IT)
+
+
+def or_another_pitch(outcome: Outcome, rig: Rig) -> Outcome:
+    """The outcome of a log without a pitch, shared with health where another pitch would look as what was found.
+
+    That is a friction that has slightly risen, and what no fault explains.
+    """
+    found = outcome.isolation
+    absent = outcome.log is not None and any(note.startswith(NO_PITCH) for note in outcome.log.notes)
+    if not absent or found is None or not rig.driven.motor or not found.verdict.probability > SURE:
+        return outcome
+    risen = next((one.value for one in found.verdict.severity if one.name == "friction_rise"), math.inf)
+    slightly = abs(risen) * rig.model["A"] < abs(rig.model["B"]) * DRIFTS_DEG
+    if found.verdict.label == "jam" and slightly:
+        why = _DRIFTED.format(abs(risen) * rig.model["A"] / abs(rig.model["B"]))
+    elif found.verdict.label == UNKNOWN and _can_matter(rig):
+        why = _NOTHING
+    else:
+        return outcome
+    return shared(outcome, found.verdict, lambda event: or_as_well(event, NOMINAL, why), rig)
+
+
+def _is_needed(log: Log, rig: Rig) -> bool:
+    """Whether a pitch is missing that matters and that voltage and current can tell."""
+    absent = any(note.startswith(NO_PITCH) for note in log.notes)
+    read = rig.driven.motor and bool(np.isfinite(log.z[:, :2]).any(axis=0).all())
+    return absent and read and _can_matter(rig)
+
+
+def _can_matter(rig: Rig) -> bool:
+    """Whether gravity could weigh as much as a good part of the friction."""
+    return abs(rig.model["B"]) * STEEPEST_DEG > STEP * rig.model["A"]
+
+
+class _First:
+    """The first motion of a log as nominal explains it, by pitches."""
+
+    def __init__(self, log: Log, rig: Rig, settings: BankSettings) -> None:
+        acquisition = acquisition_of(log, rig.file_noise_std)
+        self.rig = replace(rig, logger=acquisition)
+        self.settings = for_readings(settings, rig, log.z)
+        offset = np.array([electrical_offset(acquisition, rig), 0.0, 0.0])
+        read = Readings(acquisition, log.rate_hz, rig.noise_std).take(log)
+        self.log = replace(read, z=read.z - offset)
+        self.read = count_in_rows(np.isfinite(self.log.z))
+        self.known: dict[float, Said] = {}
+
+    def said(self, pitch: float) -> Said:
+        """What nominal says of the motion at a pitch [deg]."""
+        if pitch not in self.known:
+            self.known[pitch] = said_by_nominal(self.log, _pitched(self.rig, pitch), self.settings, self.read)
+        return self.known[pitch]
+
+    def best(self) -> float:
+        """The pitch [deg] that explains the motion best."""
+        from scipy.optimize import minimize_scalar  # loads for as long as most logs are judged
+
+        step = min(STEP * self.rig.model["A"] / abs(self.rig.model["B"]), STEEPEST_DEG / 8.0)
+        looks = math.ceil(STEEPEST_DEG / step)
+        top = max((step * k for k in range(-looks, looks + 1)), key=lambda pitch: self.said(pitch).nats)
+        found = minimize_scalar(
+            lambda pitch: -self.said(float(pitch)).nats,
+            bounds=(top - step, top + step),
+            method="bounded",
+            options={"xatol": WITHIN * step},
+        )
+        return max(top, float(found.x), key=lambda pitch: self.said(pitch).nats)
+
+
+def _pitched(rig: Rig, pitch: float) -> Rig:
+    return with_values(rig, {"pitch_offset": rig.model["pitch_offset"] - pitch})
