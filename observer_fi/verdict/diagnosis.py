@@ -163,12 +163,12 @@ def diagnose(
         told = again.outcome(log_name(path), {**facts, "notes": notes})
         found = other.choose(outcome, told)
         if found is not outcome:
-            return _last_doubts(found, begin, rig)
-    return _last_doubts(outcome, begin, rig)
+            return _last_doubts(found, begin, rig, filed)
+    return _last_doubts(outcome, begin, rig, filed)
 
 
-def _last_doubts(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outcome:
-    return or_another_pitch(or_unbalanced(outcome, begin, rig), rig)
+def _last_doubts(outcome: Outcome, begin: Callable[[], Log], rig: Rig, filed: Rig) -> Outcome:
+    return or_another_pitch(or_unbalanced(outcome, begin, rig), begin, rig, filed)
 
 
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
@@ -249,8 +249,8 @@ def judged(
         found = other.choose(outcome, again)
         if found is not outcome:
             rests_on = told if found.acquisition is again.acquisition else estimate
-            return _last_doubts(found, lambda: given, rig), rests_on
-    return _last_doubts(outcome, lambda: given, rig), estimate
+            return _last_doubts(found, lambda: given, rig, filed), rests_on
+    return _last_doubts(outcome, lambda: given, rig, filed), estimate
 
 
 def _judged(

@@ -5,7 +5,7 @@ reversal was a jam for sure.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,8 @@ STEP, WITHIN = (
 NOTICED_NATS, FITS = 40.0, 1.3
 DRIFTS_DEG = 2.0  # by which a vehicle's pitch differs from what its first motion shows
 _DRIFTED = "no pitch was logged: one that differs by {:.1f} deg from what it was taken for looks the same"
+RAISED = 0.1  # of the friction: what is less is not told from rig to rig
+_RAISED = "no pitch was logged: what was taken for one of {:.1f} deg may be a friction that had risen before the log begins"
 _NOTHING = "no pitch was logged: what gravity does to the mass is not known"
 _LOG_IT = "Log the pitch of the vehicle"
 _TOLD = (
@@ -60,7 +62,7 @@ def with_its_pitch(log: Log, rig: Rig, settings: BankSettings) -> Rig:
 
 def told_pitch(notes: Sequence[str], known: Rig, given: Rig) -> tuple[str, ...]:
     """Notes of a log, that of a missing pitch with what it was taken for. known: the rig with that pitch, given: without."""
-    pitch = given.model["pitch_offset"] - known.model["pitch_offset"]
+    pitch = _pitch_of(known, given)
     if pitch == 0.0:
         return tuple(notes)
     return tuple(_TOLD.format(NO_PITCH, pitch) if note.startswith(NO_PITCH) else note for note in notes)
@@ -71,24 +73,38 @@ def is_told_pitch(note: str) -> bool:
     return note.startswith(NO_PITCH) and note.endswith(_LOG_IT)
 
 
-def or_another_pitch(outcome: Outcome, rig: Rig) -> Outcome:
-    """The outcome of a log without a pitch, shared with health where another pitch would look as what was found.
+def or_another_pitch(outcome: Outcome, begin: Callable[[], Log], known: Rig, given: Rig) -> Outcome:
+    """The outcome of a log without a pitch, shared where another pitch than the known one would look as what was found.
 
-    That is a friction that has slightly risen, and what no fault explains.
+    A friction that has slightly risen, and what no fault explains, may be health; health in one direction, of which the pitch
+    was told, may be a friction that had risen before. begin: the first chunk of the log.
     """
     found = outcome.isolation
     absent = outcome.log is not None and any(note.startswith(NO_PITCH) for note in outcome.log.notes)
-    if not absent or found is None or not rig.driven.motor or not found.verdict.probability > SURE:
+    if not absent or found is None or not known.driven.motor or not found.verdict.probability > SURE:
         return outcome
-    risen = next((one.value for one in found.verdict.severity if one.name == "friction_rise"), math.inf)
-    slightly = abs(risen) * rig.model["A"] < abs(rig.model["B"]) * DRIFTS_DEG
-    if found.verdict.label == "jam" and slightly:
-        why = _DRIFTED.format(abs(risen) * rig.model["A"] / abs(rig.model["B"]))
-    elif found.verdict.label == UNKNOWN and _can_matter(rig):
-        why = _NOTHING
+    said, friction, gravity = found.verdict, known.model["A"], abs(known.model["B"])
+    risen = next((one.value for one in said.severity if one.name == "friction_rise"), math.inf)
+    if said.label == "jam" and abs(risen) * friction < gravity * DRIFTS_DEG:
+        label, why = NOMINAL, _DRIFTED.format(abs(risen) * friction / gravity)
+    elif said.label == UNKNOWN and _can_matter(known):
+        label, why = NOMINAL, _NOTHING
+    elif said.label == NOMINAL and _as_friction(_pitch_of(known, given), begin(), known) > RAISED * friction:
+        label, why = "jam", _RAISED.format(_pitch_of(known, given))
     else:
         return outcome
-    return shared(outcome, found.verdict, lambda event: or_as_well(event, NOMINAL, why), rig)
+    return shared(outcome, said, lambda event: or_as_well(event, label, why), known)
+
+
+def _pitch_of(known: Rig, given: Rig) -> float:
+    """What a missing pitch was taken for [deg]."""
+    return given.model["pitch_offset"] - known.model["pitch_offset"]
+
+
+def _as_friction(pitch: float, log: Log, rig: Rig) -> float:
+    """The friction that has the moves of a log as such a pitch has them [N m]; 0 where they go both ways, which tells the two."""
+    ways = np.unique(np.sign(log.w_cmd[log.w_cmd != 0.0]))
+    return float(ways[0] * rig.model["B"] * pitch) if ways.size == 1 else 0.0
 
 
 def _is_needed(log: Log, rig: Rig) -> bool:
