@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,10 +18,10 @@ from hidden import (
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
-from observer_fi.records import Log
+from observer_fi.records import Consistency, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose, diagnose_log
-from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed, is_not_followed
+from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed, better, is_not_followed
 
 RIG, SETTINGS = load_rig(), Settings()
 CLASSES = ("nominal", "overload", "coupling_loss")
@@ -96,6 +97,19 @@ def test_a_rig_file_that_is_off_leaves_a_command_what_it_is(constant: str, off: 
     for shape in ("s_curve", "soft_ramps"):
         log = log_from_frame(make_log(draw_severity_case(99_610_000, "nominal", shape), 99_610_000)[0])
         assert not is_not_followed(log, rig), shape
+
+
+@pytest.mark.parametrize(
+    ("onset_s", "nis", "taken"), [(1.2, 3.0, True), (None, 3.0, True), (0.31, 3.0, False), (1.2, 9.0, False)]
+)
+def test_another_machine_is_not_told_as_a_fault_from_the_first_motion_on(
+    onset_s: float | None, nis: float, taken: bool
+) -> None:
+    """A light actuator was a lost coupling for sure once its servo was not asked."""
+    verdict = SimpleNamespace(label="coupling_loss", onset_s=onset_s, start_s=0.3)
+    two = SimpleNamespace(isolation=SimpleNamespace(verdict=verdict, consistency=Consistency(nis, 3.0, 0.5)))
+    one = SimpleNamespace()
+    assert (better(one, two) is two) == taken
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from hidden import draw_severity_case, make_log, write_log
+from hidden import draw_severity_case, make_log, make_log_with, write_log
 
 from observer_fi.logs import NO_PITCH, log_from_frame
 from observer_fi.physics import load_rig, with_values
@@ -28,6 +28,18 @@ def test_a_motion_both_ways_tells_the_pitch(seed: int) -> None:
     frame, pitch = without_pitch(seed, "nominal", "without_rests")
     known = with_its_pitch(log_from_frame(frame), RIG, SETTINGS.bank)
     assert -known.model["pitch_offset"] == pytest.approx(pitch, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("trait", "heavier"), [("steps_all", 1.0), ("noise_3", 1.0), ("hum_50hz", 0.5), ("ideal", 4.0)]
+)
+def test_whatever_the_logger_and_however_heavy_the_mass(trait: str, heavier: float) -> None:
+    seed = 99_750_001
+    spec = draw_severity_case(seed, "nominal", "without_rests")
+    frame, _ = make_log_with(trait, replace(spec, rig=replace(spec.rig, B=heavier * spec.rig.B)), seed)
+    rig = with_values(RIG, {"B": heavier * RIG.model["B"]})
+    known = with_its_pitch(log_from_frame(frame.drop(columns="pitch_deg")), rig, SETTINGS.bank)
+    assert -known.model["pitch_offset"] == pytest.approx(float(frame["pitch_deg"].iloc[0]), abs=1.5)
 
 
 @pytest.mark.parametrize(

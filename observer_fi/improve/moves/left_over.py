@@ -72,13 +72,13 @@ def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smo
         or slow_excess(experiment, r, POSITION) > _SLOW_SHARE * of_position
     )
     terms = smooth_terms(experiment, ladder.extended, whole) if slow else []
-    floors = {term.equation: of_position if term.equation in OF_POSITION else least for term in terms}
     terms = [
         term
         for term in terms
-        if min(term.held_out, term.gain - price(experiment, term)) >= floors[term.equation]
+        if min(term.held_out, term.gain - price(experiment, term))
+        >= (of_position if term.equation in OF_POSITION else least)
     ]
-    # Steps' share is that of the steps themselves.
+    # The share of steps is that of the steps themselves.
     steps = [term for term in rest_steps(experiment, ladder.extended) if term.held_out >= _STEP_NATS]
     terms = sorted([*terms, *steps], key=lambda term: -term.held_out)
     if not terms:

@@ -144,12 +144,13 @@ def is_odd(outcome: Outcome) -> bool:
 
 
 def better(one: Outcome, two: Outcome) -> Outcome:
-    """`two`, the outcome with the command that was followed, where a hypothesis of the actuator explains that log, else `one`."""
+    """`two`, the outcome with the command that was followed, where a hypothesis of the actuator explains that log, else `one`.
+
+    A fault from the first motion on is none to go by: without its servo another machine looks like that.
+    """
     found = two.isolation
     if found is None or found.verdict.label in NO_FAULT_OF_IT:
         return one
     said, fit = found.verdict, found.consistency
-    from_the_first = (
-        said.onset_s is not None and said.onset_s <= said.start_s + AROUND_S
-    )  # as of another machine
+    from_the_first = said.onset_s is not None and said.onset_s <= said.start_s + AROUND_S
     return two if fit.nis_mean <= EXPLAINED * fit.nis_expected and not from_the_first else one

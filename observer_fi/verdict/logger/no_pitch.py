@@ -23,11 +23,10 @@ from observer_fi.verdict.testable import for_readings
 
 MOVES = 2  # that are looked at
 WINDOWS_S = (6.0, 3.0, 1.5, 0.7, 0.3)  # of them: the longest that nominal explains with some pitch tells it
-STEEPEST_DEG = 90.0
-STEP, WITHIN = (
-    0.25,
-    0.01,
-)  # of the pitch that weighs as much as the friction: between first looks, and how well
+STEEPEST_DEG, APART_DEG = 90.0, 5.0  # pitches that are looked at first, and how far they are apart
+CLOSER = 4  # times as close are the next ones, on either side of the best
+ENOUGH = 0.25  # of the pitch that weighs as much as the friction: looks so close miss no hill; what weighs less is no matter
+WITHIN = 0.01  # of that distance, how well a pitch is told
 # Nats that a pitch must gain over none, and how well nominal then fits: NIS over its expectation.
 NOTICED_NATS, FITS = 40.0, 1.3
 DRIFTS_DEG = 2.0  # by which a vehicle's pitch differs from what its first motion shows
@@ -116,7 +115,7 @@ def _is_needed(log: Log, rig: Rig) -> bool:
 
 def _can_matter(rig: Rig) -> bool:
     """Whether gravity could weigh as much as a good part of the friction."""
-    return abs(rig.model["B"]) * STEEPEST_DEG > STEP * rig.model["A"]
+    return abs(rig.model["B"]) * STEEPEST_DEG > ENOUGH * rig.model["A"]
 
 
 class _First:
@@ -142,9 +141,10 @@ class _First:
         """The pitch [deg] that explains the motion best."""
         from scipy.optimize import minimize_scalar  # loads for as long as most logs are judged
 
-        step = min(STEP * self.rig.model["A"] / abs(self.rig.model["B"]), STEEPEST_DEG / 8.0)
-        looks = math.ceil(STEEPEST_DEG / step)
-        top = max((step * k for k in range(-looks, looks + 1)), key=lambda pitch: self.said(pitch).nats)
+        step, top = APART_DEG, self._best_near(0.0, APART_DEG, round(STEEPEST_DEG / APART_DEG))
+        while step > ENOUGH * self.rig.model["A"] / abs(self.rig.model["B"]):
+            step /= CLOSER
+            top = self._best_near(top, step, CLOSER)
         found = minimize_scalar(
             lambda pitch: -self.said(float(pitch)).nats,
             bounds=(top - step, top + step),
@@ -152,6 +152,10 @@ class _First:
             options={"xatol": WITHIN * step},
         )
         return max(top, float(found.x), key=lambda pitch: self.said(pitch).nats)
+
+    def _best_near(self, pitch: float, step: float, looks: int) -> float:
+        """The best of pitches so far apart, as many on either side of one [deg]."""
+        return max((pitch + step * k for k in range(-looks, looks + 1)), key=lambda one: self.said(one).nats)
 
 
 def _pitched(rig: Rig, pitch: float) -> Rig:
