@@ -1,6 +1,7 @@
 """What every test shares: the same hypothesis examples each run, the recorded logs if any."""
 
 import os
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,26 @@ def recorded_data() -> Path:
     if not folder.is_dir():
         pytest.fail(f"OBSERVER_FI_DATA names {folder}, which is not a folder")
     return folder
+
+
+@pytest.fixture
+def not_on_new_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`improve` without its count on moves that no fit saw, most of its time: for tests of what it names."""
+    from observer_fi.improve import new_moves
+
+    monkeypatch.setattr("observer_fi.improve.improvement.new_moves", lambda *_: new_moves.UNSEEN)
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked `first(n)`, the cases behind the n-th are slow."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        mark = item.get_closest_marker("first")
+        name = item.nodeid.partition("[")[0]
+        seen[name] += 1
+        if mark is not None and seen[name] > mark.args[0]:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not there

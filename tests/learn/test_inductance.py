@@ -52,6 +52,7 @@ def holds(actuator: hidden.Actuator, fit: Fit, *names: str) -> int:
 
 
 @pytest.mark.parametrize(("seed", "tau_s"), [(720_000, 5e-4), (720_001, 1.5e-3), (720_003, 3e-3)])
+@pytest.mark.first(1)
 def test_an_inductance_makes_no_resistance_smaller_and_is_told(seed: int, tau_s: float) -> None:
     """Rm was up to 16 % low and J 30 % high, with intervals of a few percent."""
     actuator, _, fit = fitted("voltage", seed, tau_s)

@@ -33,6 +33,7 @@ def behind(log: Log, channels: tuple[int, ...], hz: float, order: int) -> Log:
 
 
 # Before filters were told J came out 11 and 35 % too small behind 30 and 10 Hz, Rm 23 and 86 % too large.
+@pytest.mark.slow
 def test_constants_behind_a_filter_are_those_of_the_rig() -> None:
     has_the_constants((1,), 30.0, 1)
 
@@ -91,6 +92,7 @@ def late_current(seed: int, late_s: float, zero: tuple[float, float] = (0.0, 0.0
 @pytest.mark.parametrize(
     "seed, late_s, zero", [(7, 1.25e-4, (0.0, 0.0)), (8, 5e-4, (0.0, 0.0)), (9, 2.5e-4, (0.03, -2e-3))]
 )
+@pytest.mark.first(1)
 def test_a_late_current_is_told_whatever_the_zeros(
     seed: int, late_s: float, zero: tuple[float, float]
 ) -> None:

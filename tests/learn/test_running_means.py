@@ -22,6 +22,7 @@ def off(frame: pd.DataFrame, truth: hidden.Rig) -> float:
     ("seed", "column", "samples", "centred"),
     [(78_000, "current_a", 16, False), (78_001, "voltage_v", 9, True)],
 )
+@pytest.mark.first(1)
 def test_a_running_mean_changes_no_constant(seed: int, column: str, samples: int, centred: bool) -> None:
     spec = hidden.draw_effects_case(seed, (), 0.0)
     frame, _ = hidden.make_log(spec, seed)

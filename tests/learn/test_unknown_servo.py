@@ -22,6 +22,7 @@ def unknown_servo() -> Rig:
 
 
 @pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.first(1)
 def test_the_servo_is_found_from_far_away(seed: int) -> None:
     truth = hidden.draw_rig(np.random.default_rng(seed), 5.0)
     found = with_servo([log_of(hidden.campaign(), truth, seed)], unknown_servo())

@@ -71,6 +71,7 @@ def test_a_jam_as_the_motion_begins_is_a_rig_that_rubs_more() -> None:
     assert worth(replace(jam, fault=hidden.Fault("jam", start + 0.5, size=0.4)), SPREAD) > 1e4
 
 
+@pytest.mark.slow
 def test_the_recipe_writes_a_row_a_move_and_its_table(tmp_path: Path) -> None:
     rows, out = tmp_path / "rows.csv", tmp_path / "severity.md"
     given = ["--moves", "1", "--shaped", "0", "--kinds", "jam", "--first", "61000", "--workers", "1"]

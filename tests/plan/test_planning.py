@@ -75,6 +75,7 @@ def test_where_the_pitch_binds_the_plan_says_so():
     assert {block.pitch for block in tilted.planned.blocks} - {0.0}
 
 
+@pytest.mark.slow
 def test_where_the_time_binds_the_plan_says_so():
     plan = plan_causes(parse("viscous_friction:viscous_positive=1e-9,none"), RIG, limits_of(RIG, 3.0))
     assert not plan.decides and "the time binds" in plan.why
@@ -161,6 +162,7 @@ def test_the_truth_plays_a_plan_at_its_pitches(play):
     assert profile.moves[0].start_s == pytest.approx(0.3) and len(profile.moves) >= 4
 
 
+@pytest.mark.slow
 def test_an_independent_truth_is_told_by_the_planned_moves():
     row = run_pair(PAIRS[0], 7100)
     assert row["decides"] and decided(row["after"])

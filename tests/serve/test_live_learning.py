@@ -161,6 +161,7 @@ def behind_a_filter(label: str) -> Log:
 
 
 @pytest.mark.parametrize("label", ["nominal", "coupling_loss"])
+@pytest.mark.first(1)
 def test_a_filter_before_the_current_is_no_fault(label: str) -> None:
     """Six changes of verdict in the first 90 ms, all faults, and a sensor fault at the end of a healthy move: now none."""
     live, told = streamed(behind_a_filter(label))
@@ -199,6 +200,7 @@ def test_a_move_without_end_is_not_kept() -> None:
 
 
 @pytest.mark.parametrize("batch", [64, 4096])
+@pytest.mark.first(1)
 def test_a_stream_with_two_zero_offsets_stays_healthy(batch: int) -> None:
     """From the first stop on it knows both; moves at other speeds and pitches had been faults."""
     for seed in (8400, 8401):

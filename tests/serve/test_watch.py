@@ -129,6 +129,7 @@ def test_the_command_between_samples_is_the_trapezoid() -> None:
     "kind, channel", [("none", None), ("coupling_loss", None), ("sensor_frozen", "current")]
 )
 @pytest.mark.parametrize("batch", [1, 7, 10_000])
+@pytest.mark.first(5)
 def test_live_posterior_is_the_offline_posterior(kind: str, channel: str | None, batch: int) -> None:
     log = sample_log(kind, channel)
     expected, e = offline(log)
@@ -182,6 +183,7 @@ ODD_LINES = (
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 5, 8])
+@pytest.mark.first(3)
 def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Odd lines at random places, a clock that jumps back, random pieces: byte for byte the same output."""
     rng = np.random.default_rng(seed)

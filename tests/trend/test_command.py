@@ -130,6 +130,7 @@ def test_an_empty_folder_and_a_still_log_are_told(tmp_path, capsys):
     assert code == 2 and "does not move" in err
 
 
+@pytest.mark.slow
 def test_many_logs_go_to_several_processes_and_say_the_same(life, tmp_path, capsys):
     pytest.importorskip("distributed")
     assert run(capsys, life, "--out", tmp_path / "one", "--workers", 1)[0] == 0

@@ -83,6 +83,7 @@ CHUNKED = (
 
 @pytest.mark.parametrize("name", CHUNKED)
 @pytest.mark.parametrize("size", [1, 7, 500])
+@pytest.mark.first(6)
 def test_chunks_make_no_difference_to_readings(name: str, size: int) -> None:
     log = through(name)
     log = replace(log, t=log.t[:2000], z=log.z[:2000], w_cmd=log.w_cmd[:2000], pitch=log.pitch[:2000])
@@ -211,6 +212,7 @@ def test_a_jump_of_a_sensor_is_no_fast_current() -> None:
 @pytest.mark.parametrize(
     ("kind", "logger"), [("nominal", "ideal"), ("nominal", "drive_400hz"), ("jam", "ideal")]
 )
+@pytest.mark.first(1)
 def test_reversals_without_a_rest_of_an_unknown_servo_are_judged(kind: str, logger: str) -> None:
     """Healthy ones were faults without a name, and a jam between them an all-clear."""
     spec = draw_severity_case(95_800_000, kind, "without_rests")

@@ -40,6 +40,7 @@ def test_a_motor_that_runs_at_the_limit_is_taken_as_it_is() -> None:
 
 
 @pytest.mark.parametrize("begin_s", [0.01, 0.02, 0.03, 0.045, 0.06, 0.1])
+@pytest.mark.first(3)
 def test_a_campaign_that_begins_within_a_start_is_healthy(begin_s: float) -> None:
     """Its filters had taken the unknown integral for half the inertia, and gave up in the seventh move."""
     for seed in (8200, 8201):

@@ -139,6 +139,7 @@ def warned(name: str, label: str, seed: int) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("label", ["nominal", "overload", "coupling_loss"])
+@pytest.mark.first(1)
 def test_an_ideal_log_has_no_warnings(label: str) -> None:
     assert all(warned("ideal", label, seed) == () for seed in (7610, 7611))
 

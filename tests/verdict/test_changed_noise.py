@@ -29,6 +29,7 @@ def test_a_burst_of_noise_behind_a_wandering_baseline_is_a_failing_sensor(seed: 
     assert said.onset_s == pytest.approx(spec.fault.onset_s, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_voltage_at_the_end_of_its_range_behind_a_wandering_baseline_is_no_all_clear() -> None:
     said = said_of("wandering", draw_failing_case(5_300_159, "saturation", "voltage", 3.0), 5_300_159)
     assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)

@@ -50,6 +50,7 @@ def verdict(outcome: Outcome) -> Event:
         (840_003, "worn_brushes", 0.6),
     ],
 )
+@pytest.mark.first(1)
 def test_a_changed_circuit_is_no_failed_sensor_and_has_its_size(seed: int, kind: str, size: float) -> None:
     spec = with_fault(seed, kind, size)
     found = verdict(told(spec, seed))
@@ -77,6 +78,7 @@ def test_at_one_speed_circuit_and_sensor_look_the_same() -> None:
 
 @pytest.mark.parametrize("kind", ["open_circuit", "supply_off"])
 @pytest.mark.parametrize("onset_s", [None, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.first(1)
 def test_a_motor_that_nothing_drives_is_said_to_be_dead(kind: str, onset_s: float | None) -> None:
     """It was another machine to the bank; also where it was dead before the log began."""
     spec = with_fault(840_020, kind, onset_s=onset_s)
@@ -99,6 +101,7 @@ def test_a_motor_that_nothing_drives_is_said_to_be_dead(kind: str, onset_s: floa
         (840_035, "saturation"),
     ],
 )
+@pytest.mark.first(3)
 def test_a_voltage_sensor_that_fails_is_still_one(seed: int, kind: str) -> None:
     spec = draw_failing_case(seed, kind, "voltage", 3.0)
     found = verdict(told(spec, seed))

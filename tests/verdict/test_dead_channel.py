@@ -23,6 +23,7 @@ def without(column: str, label: str, seed: int) -> Event:
     ("label", "seed"),
     [*(("coupling_loss", seed) for seed in (257000, 257001, 257002, 257003)), ("overload", 257000)],
 )
+@pytest.mark.first(2)
 def test_a_fault_without_a_position_is_told_or_told_beside_health(label: str, seed: int) -> None:
     verdict = without("position_m", label, seed)
     assert label in (verdict.label, *verdict.alike)
@@ -35,6 +36,7 @@ def test_health_without_a_position_is_health(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [256001, 256007, 256010, 256014])
+@pytest.mark.first(1)
 def test_a_coupling_lost_in_a_start_without_a_position_is_no_all_clear(seed: int) -> None:
     """The motor alone turns with the friction of a light rig: the whole move once overruled a bank that was sure."""
     verdict = without("position_m", "coupling_loss", seed)

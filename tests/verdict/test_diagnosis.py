@@ -87,6 +87,7 @@ def test_a_stuck_position_sensor_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.first(1)
 def test_a_file_and_a_log_in_memory_end_alike(label: str, tmp_path: Path) -> None:
     frame, truth = frame_of(3, label)
     path = write_log(frame, tmp_path / "move.csv.gz")
@@ -105,6 +106,7 @@ def test_a_file_and_a_log_in_memory_end_alike(label: str, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("rows", [173, 1000])
 @pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.first(3)
 def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
     frame, _ = frame_of(4, label)
     log = log_from_frame(frame)
@@ -121,6 +123,7 @@ def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
 
 @pytest.mark.parametrize("label", FAULTS)
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.first(3)
 def test_four_hundred_samples_a_second_say_the_same(label: str, seed: int) -> None:
     """Rates are per second and steps are kept short: the posterior at 400 Hz agrees with that at 1600 Hz."""
     spec = draw_move_case(seed, label)
@@ -149,6 +152,7 @@ def test_engines_end_in_the_same_verdict(engine: str) -> None:
 
 @pytest.mark.parametrize("column", ["pitch_deg", "speed_cmd_rad_s", "voltage_v"])
 @pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.first(5)
 def test_a_missing_column_is_noted_and_the_verdict_stands(label: str, column: str, tmp_path: Path) -> None:
     pitch = 0.0 if column == "pitch_deg" else 4.0
     fault = Fault() if label == "nominal" else Fault(label, 1.3)

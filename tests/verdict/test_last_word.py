@@ -170,6 +170,7 @@ def test_a_rig_that_is_off_gets_no_name(seed: int) -> None:
 
 @pytest.mark.parametrize("onset", [0.0, 0.31, 0.33])  # before the first sample, and in the start
 @pytest.mark.parametrize(("label", "name"), [("slip", "share_lost"), ("coupling_loss", "drag")])
+@pytest.mark.first(3)
 def test_a_fault_that_is_there_from_the_start_has_its_name_and_size(
     label: str, name: str, onset: float
 ) -> None:
@@ -188,6 +189,7 @@ def test_the_ring_of_a_creeping_start_is_no_fault(speed: float, seed: int) -> No
 
 
 @pytest.mark.parametrize("label", ["slip", "jam", "coupling_loss"])
+@pytest.mark.first(1)
 def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
     """Seed 5006, an S-curve, is doubted in its start: what comes two seconds later is found all the same."""
     spec = hidden.draw_severity_case(5006, "nominal", "s_curve")
@@ -202,19 +204,20 @@ def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*hidden.SEVERITY_KINDS, "nominal"])
 def test_sizes_drawn_over_decades(kind: str) -> None:
-    """Sixteen moves a kind; the smallest sizes show in no channel, hence not all must be found."""
+    """Eight moves a kind; the smallest sizes show in no channel, hence not all must be found."""
     right = 0
-    for seed in range(9100, 9116):
+    for seed in range(9100, 9108):
         spec = hidden.draw_severity_case(seed, kind)
         frame, truth = hidden.make_log(spec, seed)
         found = diagnose_log(log_from_frame(frame), RIG, Settings()).isolation
         assert found is not None
         right += found.verdict.label == truth["label"] or truth["label"] in found.verdict.alike
-    least = {"nominal": 16, "jam_growing": 10, "slip_growing": 10}
-    assert right >= least.get(kind, 13)
+    least = {"nominal": 8, "jam_growing": 5, "slip_growing": 5}
+    assert right >= least.get(kind, 6)
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0])
+@pytest.mark.first(1)
 def test_friction_that_no_rig_has_from_the_first_sample_on_is_a_jam(factor: float) -> None:
     said = []
     for seed in range(5700, 5704):
@@ -264,6 +267,7 @@ def test_a_coupling_lost_for_a_twentieth_of_a_second_has_its_name(seed: int) -> 
 
 
 @pytest.mark.parametrize(("seed", "growth"), [(3, 0.5), (4, 0.7), (10024, 0.66)])
+@pytest.mark.first(1)
 def test_friction_that_more_than_doubles_within_a_second_is_a_jam(seed: int, growth: float) -> None:
     v = verdict(hidden.Fault("jam", 1.5, size=1.6, growth_s=growth), seed=seed)
     assert v.label == "jam" and v.onset_s == pytest.approx(1.5, abs=0.1)
@@ -286,6 +290,7 @@ def test_a_coupling_lost_in_a_long_ramp_down_is_no_position_sensor(seed: int) ->
 
 
 @pytest.mark.parametrize("label", ["overload", "slip", "jam"])
+@pytest.mark.first(1)
 def test_the_second_fault_of_a_move_is_told_behind_the_first(label: str) -> None:
     size = {"slip": 0.3, "jam": 0.5}.get(label)
     v = verdict(hidden.Fault(label, 1.0, size=size), then=hidden.Fault("coupling_loss", 2.3))
@@ -295,6 +300,7 @@ def test_the_second_fault_of_a_move_is_told_behind_the_first(label: str) -> None
     assert "coupling_loss" in (second.label, *second.alike)
 
 
+@pytest.mark.slow
 def test_a_jam_on_top_of_a_slip_is_told_behind_it() -> None:
     """The slip costs a hundredth of what the jam does, and goes on under it."""
     v = verdict(hidden.Fault("slip", 1.2, size=0.08), then=hidden.Fault("jam", 2.0, size=0.4))
@@ -304,6 +310,7 @@ def test_a_jam_on_top_of_a_slip_is_told_behind_it() -> None:
     assert size(second, "friction_rise")[0] == pytest.approx(0.4, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_coupling_that_lets_go_twice_is_told_twice() -> None:
     twice = (
         hidden.Fault("coupling_loss", 1.0, duration_s=0.15),
@@ -323,6 +330,7 @@ def test_room_for_the_day_does_not_hide_a_friction_that_doubles() -> None:
 
 
 @pytest.mark.parametrize("rise", [0.1, 0.2])
+@pytest.mark.first(1)
 def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
     """One whose friction may wander lost 0.03 nats a sample by that, more in a long move than the rise was worth."""
     v = verdict(hidden.Fault("jam", 0.51, size=rise))
@@ -340,6 +348,7 @@ def test_a_torque_that_comes_and_goes_has_no_name(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.first(1)
 def test_a_load_that_swings_has_no_name(seed: int) -> None:
     v = verdict(hidden.Fault("unknown", 1.4, kind="periodic_torque", size=3e-4), seed=seed)
     assert v.label == "unknown" and v.onset_s == pytest.approx(1.4, abs=0.02)
@@ -361,6 +370,7 @@ def test_a_fault_too_small_to_say_so_is_no_all_clear(seed: int, kind: str, label
 
 
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.first(1)
 def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
     v = verdict(hidden.NO_FAULT, replace(hidden.TABLE_1, A=1.42 * hidden.TABLE_1.A), seed=seed)
     assert v.label == "nominal" and v.alike == ("jam",) and v.probability == 0.5
@@ -550,6 +560,7 @@ def test_a_coupling_that_gives_way_long_after_the_last_move_is_no_all_clear() ->
 
 
 @pytest.mark.parametrize("seed", [200011, 210019])
+@pytest.mark.first(1)
 def test_a_mass_that_follows_in_part_and_then_not_at_all_is_a_stop_or_a_nut_and_no_sensor(seed: int) -> None:
     """A soft stop takes nine tenths of the travel before its coupling gives way: one slip that grows follows both."""
     v = of(hidden.draw_placed_case(seed, "stop_then_loss"), seed)
@@ -616,6 +627,7 @@ def test_a_drive_that_goes_off_between_moves_is_no_fault_of_them(logger: str, se
         ("slip", "spikes", 1_710_063),
     ],
 )
+@pytest.mark.first(1)
 def test_a_mass_that_falls_behind_little_by_little_is_no_voltage_that_misreads(
     kind: str, logger: str, seed: int
 ) -> None:
@@ -635,6 +647,7 @@ def test_a_mass_that_falls_behind_little_by_little_is_no_voltage_that_misreads(
         (98_500_002, "jam", "s_curve"),
     ],
 )
+@pytest.mark.first(1)
 def test_moves_of_a_servo_that_nobody_knows_are_told(seed: int, kind: str, shape: str) -> None:
     spec = hidden.draw_severity_case(seed, kind, shape)
     log = log_from_frame(hidden.make_log_with("ideal", spec, seed)[0])
@@ -644,6 +657,7 @@ def test_moves_of_a_servo_that_nobody_knows_are_told(seed: int, kind: str, shape
 
 
 @pytest.mark.parametrize("seed", [95_800_003, 98_510_004])
+@pytest.mark.first(1)
 def test_an_obstacle_at_the_crest_of_a_sine_may_be_no_slip_for_sure(seed: int) -> None:
     """What a nut takes on the way there and gives back on the way back, an obstacle that gives way does: it was a slip at 1.0."""
     log = log_from_frame(

@@ -39,6 +39,7 @@ def through(name: str, seed: int) -> tuple[Lateness, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ["current_late", "voltage_late"])
+@pytest.mark.first(1)
 def test_one_late_channel_is_measured(name: str) -> None:
     """Against the other two within a seventh of a sample each, a tenth on average; the other two are hardly late."""
     errors = []

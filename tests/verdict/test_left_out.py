@@ -69,6 +69,7 @@ def test_no_channel_of_an_ordinary_log_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("values", [{"Km": 0.8}, {"Rm": 2.0}, {"J": 3.0}])
+@pytest.mark.first(1)
 def test_a_rig_file_of_another_machine_is_not_a_channel_that_is_wrong(values: dict[str, float]) -> None:
     log = log_from_frame(make_log(draw_move_case(3320006, "nominal"), 3320006)[0])
     other = with_values(RIG, {name: share * RIG.model[name] for name, share in values.items()})

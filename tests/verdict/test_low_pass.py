@@ -59,6 +59,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("channels, hz, order, noisy", CASES)
+@pytest.mark.first(3)
 def test_the_filter_before_a_current_is_found(
     channels: tuple[int, ...], hz: float, order: int, noisy: bool
 ) -> None:
@@ -84,6 +85,7 @@ IN_THE_START = [
 
 
 @pytest.mark.parametrize(("fault", "seed", "after_s"), IN_THE_START)
+@pytest.mark.first(3)
 def test_a_fault_in_the_start_is_no_filter(fault: Fault, seed: int, after_s: float) -> None:
     assert found(failing(fault, seed, after_s)) == NONE
 

@@ -67,6 +67,7 @@ def test_a_fault_without_a_name_may_be_of_a_recovered_command() -> None:
 
 
 @pytest.mark.parametrize("seed", [5920000, 5920003])
+@pytest.mark.first(1)
 def test_a_sensor_that_fails_before_the_actuator_does_not_hide_that(seed: int) -> None:
     """The position is read 25 times a second from shortly before an obstacle on: voltage and current feel that all the same."""
     frame, truth = make_log(draw_move_case(seed, "overload"), seed)

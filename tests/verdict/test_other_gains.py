@@ -33,6 +33,7 @@ def said(frame: pd.DataFrame) -> tuple[Event, tuple[str, ...]]:
 @pytest.mark.parametrize(
     ("seed", "gain"), list(zip(range(75_000, 75_009), (0.87, 0.94, 0.975, 0.988, 1.006, 1.013, 1.04, 1.07, 1.13), strict=True))
 )  # fmt: skip
+@pytest.mark.first(1)
 def test_a_voltage_of_another_gain_changes_no_verdict(seed: int, gain: float) -> None:
     frame = scaled("voltage_v", gain, seed)
     assert AsLogged(log_from_frame(frame), RIG, BankSettings()).day.voltage == pytest.approx(gain, abs=5e-4)

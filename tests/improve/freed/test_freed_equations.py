@@ -47,6 +47,7 @@ def test_nothing_hidden_nothing_wanted():
     assert rows[0].gain < 0.5 * WANTED_NATS
 
 
+@pytest.mark.slow
 def test_the_pitch_sensor_stands_beside_a_load_torque():
     rows, _ = free_equations(*refitted([hide("torque_offset", 9000)], RIG))
     torque, pitch = (next(r for r in rows if r.equation == e) for e in ("torque", "sensor:pitch"))
@@ -55,12 +56,14 @@ def test_the_pitch_sensor_stands_beside_a_load_torque():
     assert pitch.rms == pytest.approx(torque.rms / RIG.model["B"], rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_position_gain_is_told_with_the_screw():
     rows, _ = free_equations(*refitted([hide("position_gain", 9000)], RIG))
     told = {row.equation for row in rows if row.verdict in ("first", "close")}
     assert told == {"kinematics", "sensor:position"}
 
 
+@pytest.mark.slow
 def test_an_extended_rig_that_has_the_effect_wants_less():
     log = hide("viscous_friction", 9000)
     lacking, _ = free_equations(*refitted([log], RIG))

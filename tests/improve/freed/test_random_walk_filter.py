@@ -105,6 +105,7 @@ def test_smoothed_disturbance_is_the_conditional_of_the_gaussian():
     assert std**2 == pytest.approx(np.diag(own - gain @ cross[:, seen].T), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_parameters_beside_the_disturbance_are_those_of_least_squares():
     linear, series = problem(3)
     _, found = likelihood(linear, series, 0, 0.0, MEMORY)

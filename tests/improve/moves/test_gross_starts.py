@@ -23,6 +23,7 @@ PROFILE = hidden.there_and_back((410.0, 200.0), (0.3, 0.3), (0.0, 0.0))
         ("acceleration_limit", {"limit": 1.5e4}, "accel_limit"),
     ],
 )
+@pytest.mark.first(1)
 def test_a_gross_time_or_limit_is_found_with_its_size(
     cause: str, effect: dict[str, float], parameter: str
 ) -> None:

@@ -51,6 +51,7 @@ def test_a_line_of_any_order_is_found_first(order: float) -> None:
 
 
 @pytest.mark.parametrize("seed", [7311, 7312, 7313])
+@pytest.mark.first(1)
 def test_no_line_where_there_is_none(seed: int) -> None:
     frame, _ = hidden.make_log(hidden.draw_effects_case(seed, (), 0.0), seed)
     experiment, fitted, linear, states = around(log_from_frame(frame))
@@ -60,6 +61,7 @@ def test_no_line_where_there_is_none(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7302])
 def test_a_gear_ripple_of_the_hidden_plant_is_named_with_its_order(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -44,6 +44,7 @@ def test_no_cause_is_named_that_leaves_a_gross_misfit(
     assert found.refused == (() if kept else (("brush_drop", 1e4),))
 
 
+@pytest.mark.slow
 def test_a_torque_that_grows_along_the_travel_is_no_stop() -> None:
     """A spring, or a rail whose slope changes: a soft stop explained it, whose share of the travel then bent the position."""
     spring = Curve("torque", "position", False, -1e-3, 2e-3, (-2.5e-5, 2.5e-5))

@@ -66,6 +66,7 @@ def rms(y: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("rate", [400.0, 1000.0, 1600.0])
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.first(6)
 def test_hum_is_gone_from_rests_and_moves(rate: float, seed: int) -> None:
     hz = 50.0 * np.random.default_rng(seed).uniform(0.999, 1.001)
     log = quiet(rate, seed=seed)
@@ -80,6 +81,7 @@ def test_hum_is_gone_from_rests_and_moves(rate: float, seed: int) -> None:
 
 @pytest.mark.parametrize("moves", [1, 2, 5])
 @pytest.mark.parametrize("hz", [49.95, 50.0, 60.03, 137.0])
+@pytest.mark.first(6)
 def test_without_noise_nothing_at_all_is_left(moves: int, hz: float) -> None:
     """Frequencies that are told a little wrong: between rests the phase says them better."""
     log = quiet(1600.0, moves)
