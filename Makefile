@@ -14,12 +14,13 @@ STUDIES := $(addprefix pipelines.,reproduce_paper compare_mixture diagnose_study
 STUDIES += $(if $(OBSERVER_FI_DATA),pipelines.identify_emps pipelines.improve_emps)
 BENCHMARKS := $(sort $(wildcard benchmarks/bench_*.py))
 
-.PHONY: help install demo test slow lint check bench report wheel docs clean
+.PHONY: help install demo test slow studies lint check bench report wheel docs clean
 
 help:
 	@echo "make demo    diagnose the sample logs of data/"
 	@echo "make test    the tests, without the slow studies"
-	@echo "make slow    the slow studies (Monte Carlo)"
+	@echo "make slow    the slow studies (Monte Carlo) that CI has time for"
+	@echo "make studies the other ones, three quarters of an hour"
 	@echo "make lint    format, lint, types, import contract"
 	@echo "make check   lint and test"
 	@echo "make bench   speed and memory against peers"
@@ -51,7 +52,10 @@ test: $(READY)
 
 # pytest exits with 5 where no test is marked slow.
 slow: $(READY)
-	$(BIN)/python -m pytest -q -n $(WORKERS) -m slow --durations=40 || [ $$? -eq 5 ]
+	$(BIN)/python -m pytest -q -n $(WORKERS) -m "slow and not study" --durations=40 || [ $$? -eq 5 ]
+
+studies: $(READY)
+	$(BIN)/python -m pytest -q -n $(WORKERS) -m study --durations=40
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

@@ -3,6 +3,7 @@
 import os
 from collections import Counter
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -29,21 +30,22 @@ def recorded_data() -> Path:
 @pytest.fixture
 def not_on_new_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     """`improve` without its count on moves that no fit saw, most of its time: for tests of what it names."""
-    from observer_fi.improve import new_moves
+    from observer_fi.improve.new_moves import UNSEEN
 
-    monkeypatch.setattr("observer_fi.improve.improvement.new_moves", lambda *_: new_moves.UNSEEN)
+    module = import_module("observer_fi.improve.improvement")
+    monkeypatch.setattr(module, "new_moves", lambda *_: UNSEEN)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked `first(n)`, the cases behind the n-th are slow."""
+    """Of a test marked `first(n)`, the cases behind the n-th are slow, or studies where the test itself is slow."""
     seen: Counter[str] = Counter()
     for item in items:
         mark = item.get_closest_marker("first")
         name = item.nodeid.partition("[")[0]
         seen[name] += 1
         if mark is not None and seen[name] > mark.args[0]:
-            item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.study if item.get_closest_marker("slow") else pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not there

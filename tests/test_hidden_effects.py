@@ -62,6 +62,7 @@ def test_two_at_once():
     ("cause", "seed"),  # the study reports many seeds
     [(c, 4201 + k % 2) for k, c in enumerate(hidden.CAUSES) if c != "gravity_nonlinearity"],
 )
+@pytest.mark.first(16)
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
     assert any(cause in names for names in named(cause, seed))
 

@@ -155,6 +155,7 @@ def test_a_drive_that_goes_off_while_the_motor_rings_is_no_fault(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.01, 0.03, 0.08])
+@pytest.mark.first(1)
 def test_a_drive_that_goes_off_at_any_time_of_a_stop_is_no_fault(
     monkeypatch: pytest.MonkeyPatch, after_s: float
 ) -> None:

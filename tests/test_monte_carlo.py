@@ -32,6 +32,7 @@ def test_moves_are_consistent(few: pd.DataFrame) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_the_report_holds_every_table(few: pd.DataFrame) -> None:
     other = d.study(d.jobs(d.OTHER, 1))
     off = d.study(d.jobs(d.NAMED[:1], 1, (2.0,)))
@@ -143,6 +144,7 @@ def test_what_is_outside_the_named_classes_is_not_taken_for_one_of_them() -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_rig_file_two_percent_off_changes_nothing_much() -> None:
     off = d.study(d.jobs(d.NAMED, 6, (2.0,)))
     assert off["right"].mean() >= 0.97, d.wrong(off)

@@ -96,6 +96,11 @@ class Parser:
         self.factors: tuple[float, ...] = ()
         self.restarted = False
 
+    @property
+    def has_pitch(self) -> bool:
+        """Whether a header that was read names a pitch."""
+        return bool(self.at) and self.at[4] >= 0
+
     def table(self, block: bytes) -> Array | None:
         """The samples (n, 6) of many lines, if `row` would take each for plain numbers. It does not count the lines."""
         if self.format != "csv" or self.coded or self.number + 1 < (self.map.data_line or 0):

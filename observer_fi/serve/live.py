@@ -15,7 +15,7 @@ from observer_fi.bank import BankState, state_of
 from observer_fi.bank import compiled_bank as kernels
 from observer_fi.bank import first_state as beginning
 from observer_fi.bank import log_feed as feed
-from observer_fi.logs import Row
+from observer_fi.logs import NO_PITCH, Row
 from observer_fi.physics import NOMINAL, NOT_TESTED, Rig, channel_of, label_of
 from observer_fi.records import Array, Estimate, Event, Log
 from observer_fi.serve.recent import EVERY, Recent
@@ -28,19 +28,23 @@ from observer_fi.verdict import (
     AsLogged,
     EventTracker,
     Isolator,
+    another_pitch,
     at_the_limit,
     for_readings,
     known_from,
     log_verdict,
     make_bank,
     moving_samples,
+    or_as_well,
     tested,
+    with_its_pitch,
 )
 
 MOST = 1024  # samples of a batch: what it costs whatever its size is then a tenth of it
 REST_ROWS = 4096  # samples before the first move that are kept to learn from
 START_S = 0.26  # of that move: what shows how late channels are
 STOP_S = 0.2  # of its stop: what shows a wrong zero
+BACK_S = 0.5  # of the first motion the other way: what tells a pitch that nobody logged from friction
 MOVE_ROWS = 1 << 15  # samples of a move that are kept for that
 
 
@@ -138,24 +142,44 @@ class Change(NamedTuple):
 Judged = tuple[Estimate, list[Change]]
 
 
-class Lesson:
-    """The first rest of a stream, then the first start, and then that move to its stop, from which a logger is learned.
+REST, START, STOP, BACK = "rest", "start", "stop", "back"
 
-    moved: whether the start is among the samples kept, stops: whether the stop is to be; complete: whether there is no more to
-    wait for.
+
+class Lesson:
+    """The first rest of a stream, then the first start, that move to its stop, and all up to a motion the other way.
+
+    From the first ones a logger is learned, from the last one a pitch that was not logged. shows: what is waited for; moved:
+    whether the start is among the samples kept; complete: whether there is no more to wait for.
     """
 
-    def __init__(self, table: Array | None = None, stops: bool = False) -> None:
+    def __init__(self, table: Array | None = None, shows: str = REST) -> None:
         self.kept = [table_of([]) if table is None else table]
-        self.moved, self.stops = table is not None, stops
-        begun = table is not None and len(table) and not stops
-        self.until = table[-1, 0] + START_S if table is not None and begun else np.inf
+        self.moved, self.shows = shows != REST, shows
+        self.until = np.inf
+        if table is not None and len(table):
+            self.until = table[-1, 0] + START_S if shows == START else self._end(table)
         self.complete = False
+
+    def _end(self, rows: Array) -> float:
+        """When what is waited for has shown, if it begins in these samples."""
+        if self.shows == STOP:
+            begun, lasts = rows[:, 5] == 0.0, STOP_S
+        elif self.shows == BACK:
+            begun, lasts = rows[:, 5] * self.way < 0.0, BACK_S
+        else:
+            return np.inf
+        return float(rows[int(np.argmax(begun)), 0]) + lasts if begun.any() else np.inf
+
+    @property
+    def way(self) -> float:
+        """Sign of the first command, 0 where there is none yet."""
+        commanded = self.table[:, 5]
+        return float(np.sign(commanded[np.flatnonzero(commanded)[:1]]).sum())
 
     def take(self, rows: Array) -> int:
         """Keep samples up to the end of the lesson; how many that were."""
-        if self.stops and np.isinf(self.until) and not rows[:, 5].all():
-            self.until = rows[int(np.argmin(np.abs(rows[:, 5]) > 0.0)), 0] + STOP_S
+        if np.isinf(self.until):
+            self.until = self._end(rows)
         after = rows[:, 0] > self.until if self.moved else np.abs(rows[:, 5]) > 0.0
         self.complete = bool(after.any())
         taken = int(np.argmax(after)) if self.complete else len(rows)
@@ -177,7 +201,7 @@ class Lesson:
     @property
     def too_long(self) -> bool:
         """Whether a move that goes on and on is no longer kept."""
-        return self.stops and self._rows > MOVE_ROWS
+        return self.shows in (STOP, BACK) and self._rows > MOVE_ROWS
 
     def learned(self, rig: Rig, settings: BankSettings) -> AsLogged | None:
         """What the samples kept show of the logger, None where they are too few."""
@@ -185,16 +209,16 @@ class Lesson:
             AsLogged(log_of(self.table), rig, settings, causal=True) if len(self.table) >= LEARNABLE else None
         )
 
-    def next_one(self, known: AsLogged | None) -> "Lesson | None":
+    def next_one(self, known: AsLogged | None, pitch: bool) -> "Lesson | None":
         """The lesson after this one, of which so much is known; None after the last.
 
-        How a motor stops tells two zero offsets apart, where there are any.
+        How a motor stops tells two zero offsets apart, where there are any. pitch: whether the stream has one.
         """
-        if not self.moved:
-            return Lesson(self.table) if len(self.table) >= LEARNABLE else None
-        return (
-            Lesson(self.table, stops=True) if not self.stops and known is not None and known.offset else None
-        )
+        if self.shows == REST:
+            return Lesson(self.table, START) if len(self.table) >= LEARNABLE else None
+        if self.shows == START and known is not None and known.offset:
+            return Lesson(self.table, STOP)
+        return None if pitch or self.shows == BACK else Lesson(self.table, BACK)
 
 
 class Live:
@@ -208,6 +232,8 @@ class Live:
         self, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
     ) -> None:
         self.rig, self.all_settings, self.engine, self.filter_kind = rig, settings, engine, filter_kind
+        self.without_pitch: Rig | None = None  # the rig as filed, where the stream has no pitch
+        self.way, self.both_ways = 0.0, False  # sign of its first command; whether motion both ways told its pitch
         self._make_bank(settings, rig)
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.settings = settings.decision
@@ -249,19 +275,42 @@ class Live:
 
     def _taught(self, lesson: Lesson) -> Iterator[Judged]:
         """What samples kept say of the logger, and with it of themselves; a start is told only now."""
+        before, self.rig = self.rig, self._pitched(lesson)
+        new = self.rig is not before
         known = lesson.learned(self.rig, self.all_settings.bank)
-        self.lesson = lesson.next_one(known)
-        if lesson.stops and (known is None or not known.zero):
+        self.lesson = lesson.next_one(known, self.without_pitch is None)
+        if (lesson.shows == STOP and (known is None or not known.zero)) or (lesson.shows == BACK and not new):
             return
-        if known is not None and not known.same_as(self.as_logged, self.all_settings.bank):
+        if known is not None and (new or not known.same_as(self.as_logged, self.all_settings.bank)):
             e, changes = self._again(known, lesson.table)
             told = [change._replace(samples=self.samples) for change in changes[-1:]]  # others are past
+            if lesson.shows == BACK:
+                told = [change._replace(time_s=float(e.t[-1])) for change in told]
             yield rows_of(e, e.t.size, e.t.size), told  # the samples themselves were told before
+
+    def _pitched(self, lesson: Lesson) -> Rig:
+        """The rig with the pitch that the first motion of a stream without one shows, one way and then both."""
+        if self.without_pitch is None or lesson.shows not in (START, BACK):
+            return self.rig
+        self.way, self.both_ways = lesson.way, lesson.shows == BACK
+        log = replace(log_of(lesson.table), notes=(f"{NO_PITCH} as 0",))
+        known = with_its_pitch(log, self.without_pitch, self.all_settings.bank)
+        same = known.model["pitch_offset"] == self.rig.model["pitch_offset"]
+        return self.rig if same else known
+
+    def _or_another_pitch(self, event: Event) -> Event:
+        """The event, shared where a stream without a pitch leaves open what it is."""
+        if self.without_pitch is None or event.alike:
+            return event
+        going = self.lesson is not None and self.lesson.shows in (STOP, BACK)  # one way up to now
+        ways = (self.way,) if going else ()
+        other = another_pitch(event, self.rig, self.without_pitch, ways, one_way=not self.both_ways)
+        return event if other is None else or_as_well(event, *other)
 
     @property
     def _in_first_start(self) -> bool:
         """Whether what the logger does is not known yet, though the motor runs: a fault may be a filter."""
-        return self.lesson is not None and self.lesson.moved and not self.lesson.stops
+        return self.lesson is not None and self.lesson.shows == START
 
     def _batches(self, table: Array, judge: Callable[[Array], Judged]) -> Iterator[Judged]:
         if judge == self._first:
@@ -330,6 +379,7 @@ class Live:
 
     def _told_late(self, told: Event, moves: int, e: Estimate, k: int) -> Iterator[Change]:
         """The verdict on a move that has ended, at sample k."""
+        told = self._or_another_pitch(told)
         if not self._already_reported(told):
             self.reported = told.label, told.channel
             yield Change(float(e.t[k]), told, moves, self.samples - e.t.size + k + 1)
@@ -370,7 +420,7 @@ class Live:
 
     def _said(self, event: Event) -> Event:
         """The bank's verdict on a move, or what the whole move said."""
-        return event if self.word is None else self.word.said(event)
+        return self._or_another_pitch(event if self.word is None else self.word.said(event))
 
     def _tested(self) -> bool:
         return self.moving >= FEWEST_MOVING
@@ -420,7 +470,7 @@ class Live:
             if event.start_s != self.word.start_s:
                 yield from self._told_before(self.word, e, k)
             self.word.follow(float(e.t[k]), event, bool(e.active[k]), self.fast.ring)
-            event = self.word.said(event)
+        event = self._said(event)
         sure = event.probability if event is of_bank else certainty(event)
         if self._waits(event) or self._in_a_corner(event, tracker):
             return

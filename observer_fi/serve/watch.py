@@ -292,6 +292,7 @@ class Watch:
         self.tables.clear()
         if len(table):
             self.last_t = float(table[-1, 0])
+            self.live.without_pitch = None if self.parser.has_pitch else self.options.rig
             self._tell(self.live.add(table))
 
     def _tell(self, judged: Iterator[tuple[Estimate, list[Change]]]) -> None:

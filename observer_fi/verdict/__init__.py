@@ -3,10 +3,12 @@
 from observer_fi.verdict import comparison, scores
 from observer_fi.verdict.comparison import as_dict, compare, open_loop_estimate, scenarios
 from observer_fi.verdict.diagnosis import Diagnosis, diagnose, diagnose_log, make_bank
+from observer_fi.verdict.drift import or_as_well
 from observer_fi.verdict.isolate import SETTLING, EventTracker, Isolator, log_verdict, tested
 from observer_fi.verdict.last_word import LastWord
 from observer_fi.verdict.logger.as_logged import LEARNABLE, AsLogged
 from observer_fi.verdict.logger.begun_at_the_limit import at_the_limit, known_from
+from observer_fi.verdict.logger.no_pitch import another_pitch, with_its_pitch
 from observer_fi.verdict.onset import Filters
 from observer_fi.verdict.testable import FEWEST_MOVING, for_readings, moving_samples
 from observer_fi.verdict.wrong_rig import describes
@@ -21,6 +23,7 @@ __all__ = [
     "Filters",
     "Isolator",
     "LastWord",
+    "another_pitch",
     "as_dict",
     "at_the_limit",
     "compare",
@@ -34,7 +37,9 @@ __all__ = [
     "make_bank",
     "moving_samples",
     "open_loop_estimate",
+    "or_as_well",
     "scenarios",
     "scores",
     "tested",
+    "with_its_pitch",
 ]

@@ -178,6 +178,7 @@ def test_what_the_bank_once_left_out_is_carried(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in FAST])
+@pytest.mark.first(10)
 def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> None:
     """And one of two faults in it is found: which of them in turn."""
     consistent(name, (("overload", "coupling_loss")[EVERY.index(name) % 2],))

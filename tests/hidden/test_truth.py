@@ -288,6 +288,7 @@ def test_misspelt_effect_names_what_exists():
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_small_sizes_stand_out_as_they_should():
     directions = cache(refit_directions)  # of one rig and campaign for most
     for cause in list(ALL)[::4]:  # a quarter of them, for time

@@ -79,6 +79,7 @@ def test_steep_ramps_stay_what_the_rig_file_says_on_any_day(day: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["soft_ramps", "s_curve", "without_rests", "uneven"])
+@pytest.mark.first(1)
 def test_a_log_without_a_command_of_another_shape_is_judged_as_one_with_it(shape: str) -> None:
     sure, right, seeds = [], 0, SEEDS[:2]
     for seed in seeds:

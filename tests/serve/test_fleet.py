@@ -376,9 +376,9 @@ def test_a_worker_is_killed_and_a_second_run_does_nothing(
 
 
 @pytest.mark.slow
-def test_two_hundred_logs_ten_of_them_broken(tmp_path: Path, cluster: tuple[str, Processes]) -> None:
-    make_logs(tmp_path / "logs", 190, 10)
-    run_and_kill(make_job(tmp_path), 190, 10, *cluster)
+def test_sixty_logs_ten_of_them_broken(tmp_path: Path, cluster: tuple[str, Processes]) -> None:
+    make_logs(tmp_path / "logs", 50, 10)
+    run_and_kill(make_job(tmp_path), 50, 10, *cluster)
 
 
 def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tuple[str, Processes]) -> None:

@@ -6,7 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden import draw_effects_case, draw_move_case, make_log, make_log_with, there_and_back
+from hidden import (
+    draw_effects_case,
+    draw_move_case,
+    draw_severity_case,
+    make_log,
+    make_log_with,
+    there_and_back,
+)
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.bank import compiled_bank as kernels
@@ -14,7 +21,7 @@ from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.rigs import load_rig
 from observer_fi.physics.scenario import Fault, Move, Scenario, synthesise
 from observer_fi.records import Event, Log
-from observer_fi.serve.live import MOVE_ROWS, REST_ROWS, START_S, STOP_S, Lesson, Live
+from observer_fi.serve.live import BACK, BACK_S, MOVE_ROWS, REST_ROWS, START_S, STOP_S, Lesson, Live
 from observer_fi.settings import Settings
 from observer_fi.verdict import isolate
 from observer_fi.verdict.diagnosis import Diagnosis
@@ -71,6 +78,7 @@ THROUGH = (
 @pytest.mark.parametrize(
     ("name", "label"), [(name, LABELS[(k + j) % 3]) for k, name in enumerate(THROUGH) for j in range(2)]
 )
+@pytest.mark.first(6)
 def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) -> None:
     log = through(name, label, 7610)
     assert what(streamed(log)[0].verdict()) == what(of_the_bank(log))
@@ -126,10 +134,22 @@ def test_a_rest_is_learned_up_to_its_move_and_then_the_start() -> None:
     assert lesson.take(rows(300, 500)) == 300 and not lesson.complete
     assert lesson.take(rows(400, 500, 300)) == 200 and lesson.complete
     assert len(lesson.table) == 500 and not lesson.table[:, 5].any()
-    start = lesson.next_one(None)
+    start = lesson.next_one(None, pitch=True)
     assert start is not None and start.until == pytest.approx(499 / 1600.0 + START_S)
     assert start.take(rows(2000, 0, 500)) == round(START_S * 1600) and start.complete
-    assert start.next_one(None) is None
+    assert start.next_one(None, pitch=True) is None
+
+
+def test_of_a_stream_without_a_pitch_all_is_kept_up_to_a_motion_the_other_way() -> None:
+    start = Lesson(rows(500, 500), "start")
+    start.take(rows(2000, 0, 500))
+    back = start.next_one(None, pitch=False)
+    assert back is not None and back.shows == BACK and back.way == 1.0
+    assert back.take(rows(2000, 0, 916)) == 2000 and not back.complete
+    other = rows(2000, 0, 2916)
+    other[500:, 5] *= -1.0
+    assert back.take(other) == 501 + round(BACK_S * 1600) and back.complete
+    assert back.next_one(None, pitch=False) is None
 
 
 def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
@@ -139,7 +159,11 @@ def test_a_long_rest_is_kept_in_part_and_a_short_one_tells_nothing() -> None:
     assert len(lesson.table) == REST_ROWS and lesson.table[-1, 0] == pytest.approx(9999 / 1600.0)
     short = Lesson()
     short.take(rows(200, 20))
-    assert short.complete and short.learned(RIG, SETTINGS.bank) is None and short.next_one(None) is None
+    assert (
+        short.complete
+        and short.learned(RIG, SETTINGS.bank) is None
+        and short.next_one(None, pitch=True) is None
+    )
 
 
 def test_a_stream_that_begins_in_motion_learns_nothing_and_goes_on() -> None:
@@ -193,7 +217,7 @@ def test_a_start_beside_an_offset_is_learned_to_its_stop(batch: int) -> None:
 
 
 def test_a_move_without_end_is_not_kept() -> None:
-    stop = Lesson(rows(500, 100), stops=True)
+    stop = Lesson(rows(500, 100), "stop")
     while not stop.too_long:
         stop.take(rows(5000, 0, 500))
     assert len(stop.table) < MOVE_ROWS + 5001 and not stop.complete
@@ -243,3 +267,45 @@ def test_a_stream_that_ends_at_the_limit_says_nothing_of_it() -> None:
     log = begun_in_a_start(8204, 0.012)
     live, told = streamed(log.part(slice(0, 12)), 1)
     assert told == [] and live.samples == 12
+
+
+# --- without a pitch -----------------------------------------------------------------------------
+
+
+def told_without_pitch(
+    seed: int, label: str, shape: str, batch: int = 64
+) -> tuple[Event, list[tuple[float, Event]]]:
+    """The verdict at the end of a stream without a pitch, and what was told before."""
+    log = log_from_frame(make_log(draw_severity_case(seed, label, shape), seed)[0])
+    table, live, told = table_of(replace(log, pitch=np.zeros(log.t.size))), Live(RIG, SETTINGS), []
+    live.without_pitch = RIG
+    for k in range(0, len(table), batch):
+        for _, changes in live.add(table[k : k + batch]):
+            told += [(change.time_s, change.event) for change in changes]
+    for _, changes in live.finish():
+        told += [(change.time_s, change.event) for change in changes]
+    return live.verdict(), told
+
+
+@pytest.mark.first(1)
+@pytest.mark.parametrize("seed", range(99_760_100, 99_760_103))
+def test_a_healthy_reversal_without_a_pitch_is_healthy(seed: int) -> None:
+    """They ended as jams for sure: a pitch taken as 0 is a friction that is more one way and less the other."""
+    verdict, told = told_without_pitch(seed, "nominal", "without_rests")
+    assert verdict.label == "nominal"
+    assert not [e for _, e in told if e.label in ("unknown", "jam") and e.probability > 0.95]
+
+
+@pytest.mark.parametrize("label", ["overload", pytest.param("coupling_loss", marks=pytest.mark.slow)])
+def test_a_fault_is_told_without_a_pitch_or_not_for_sure_another(label: str) -> None:
+    verdict, _ = told_without_pitch(99_760_102, label, "without_rests")
+    assert verdict.label == label or verdict.probability <= 0.5
+    assert told_without_pitch(99_760_102, label, "")[0].label == label
+
+
+@pytest.mark.slow
+def test_what_is_told_without_a_pitch_does_not_depend_on_batches() -> None:
+    said = [told_without_pitch(99_760_102, "jam", "without_rests", batch) for batch in (1, 64, 1000)]
+    told = [[(time, *what(event)) for time, event in changes] for _, changes in said]
+    assert told[0] == told[1] == told[2]
+    assert len({what(verdict) for verdict, _ in said}) == 1

@@ -180,6 +180,7 @@ def test_noise_that_wanders_is_no_filter(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("logger", ["no_voltage", "mid_move", "position_100hz+steps_all+hum_50hz"])
+@pytest.mark.first(1)
 def test_healthy_campaigns_are_healthy(logger: str) -> None:
     """Through each of these loggers one in three to six had been called faulty."""
     for seed in range(8310, 8316):

@@ -81,6 +81,7 @@ def test_a_file_is_judged_as_a_log_in_memory(tmp_path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hz", [160.0, 400.0, 640.0])
+@pytest.mark.first(1)
 def test_small_faults_of_an_unknown_servo_show_through_held_readings(hz: float) -> None:
     """A jam of a fifth to two fifths of the friction was an all-clear at 1.0, three of ten of them."""
     right, sure = 0, []

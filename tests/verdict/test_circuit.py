@@ -130,6 +130,7 @@ def test_what_only_a_stop_shows_is_not_surely_a_sensor() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_most_changed_circuits_are_told_from_most_failed_sensors() -> None:
     right = wrong = n = 0
     for seed in range(841_000, 841_018):

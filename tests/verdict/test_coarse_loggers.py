@@ -65,6 +65,7 @@ def test_a_command_is_recovered_from_few_digits_within_a_row(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("logger", [of_a_bus, of_a_bus_with_a_late_command, of_a_controller])
+@pytest.mark.first(1)
 def test_a_verdict_is_right_or_not_sure(logger: Logger) -> None:
     wrong, right = [], 0
     for seed in range(9_240_000, 9_240_010):

@@ -115,6 +115,7 @@ def cases() -> Iterator[tuple[int, str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_three_times_what_is_told_is_found_over_shapes_of_command() -> None:
     """Ten moves, each fault in each: what has a size is never nominal. Names are less sure: docs/bank.md has their share.
 

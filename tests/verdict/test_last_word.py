@@ -203,6 +203,7 @@ def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*hidden.SEVERITY_KINDS, "nominal"])
+@pytest.mark.first(3)
 def test_sizes_drawn_over_decades(kind: str) -> None:
     """Eight moves a kind; the smallest sizes show in no channel, hence not all must be found."""
     right = 0
@@ -341,6 +342,7 @@ def test_a_small_jam_that_stands_gains_from_every_sample(rise: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [60049, 60012, 60078])
+@pytest.mark.first(1)
 def test_a_torque_that_comes_and_goes_has_no_name(seed: int) -> None:
     """A jam follows it, but friction never drives; a lost coupling and then a load at will are no better than the load."""
     spec = hidden.draw_move_case(seed, "unknown")
@@ -466,6 +468,7 @@ def test_a_jam_goes_on_over_reversals(seed: int) -> None:
         (180043, "slip_then_jam"),
     ],
 )
+@pytest.mark.first(3)
 def test_the_second_fault_is_not_the_first_one_again(seed: int, kind: str) -> None:
     """A jam on top of a slip is no obstacle with a load; a slip of 5 % before a jam of 236 % is seen."""
     spec = hidden.draw_placed_case(seed, kind)
@@ -610,6 +613,7 @@ def test_a_sure_label_is_asked_about_until_it_stood_twice(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("logger, seed", [("drive_off", 7123), ("drive_off", 7264), ("low_pass", 7297)])
+@pytest.mark.first(1)
 def test_a_drive_that_goes_off_between_moves_is_no_fault_of_them(logger: str, seed: int) -> None:
     """Healthy campaigns of 18 moves."""
     spec = hidden.draw_effects_case(seed, (), 0.0)

@@ -134,6 +134,7 @@ ONE, *MORE = FAILING
     [ONE, *(pytest.param(fault, marks=pytest.mark.slow) for fault in MORE)],
     ids=lambda fault: f"{fault.kind}-{fault.channel}",
 )
+@pytest.mark.first(1)
 def test_nor_does_a_sensor_that_fails_in_the_start(fault: Fault) -> None:
     for seed, after_s in IN_THE_START:
         assert AsLogged(failing(fault, seed, after_s), RIG, SETTINGS).late == NONE, seed
@@ -141,6 +142,7 @@ def test_nor_does_a_sensor_that_fails_in_the_start(fault: Fault) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAILING[:4:2], ids=lambda fault: f"{fault.kind}-{fault.channel}")
+@pytest.mark.first(1)
 def test_a_sensor_that_fails_in_the_start_is_named(fault: Fault) -> None:
     for seed, after_s in IN_THE_START[::2]:
         outcome = diagnose_log(failing(fault, seed, after_s), RIG, Settings())

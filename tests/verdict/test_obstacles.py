@@ -50,6 +50,7 @@ def test_a_spring_is_an_overload_and_tells_its_stiffness(seed: int, share: float
     ids=["ball", "wall", "load"],
 )
 @pytest.mark.slow
+@pytest.mark.first(1)
 def test_obstacles_of_no_law_in_particular_are_overloads(seed: int, obstacle: Obstacle) -> None:
     v, onset = verdict(seed, obstacle)
     assert v.label == "overload" and v.probability > 0.95 and v.onset_s == pytest.approx(onset, abs=0.02)

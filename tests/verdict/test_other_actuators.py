@@ -50,12 +50,14 @@ def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
         ),  # at 250 samples a second a jam was a second fault, behind a sensor's of its first 32 samples
     ],
 )
+@pytest.mark.first(2)
 def test_an_actuator_is_judged_right(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [1.0, 0.05])
+@pytest.mark.first(1)
 def test_a_loop_that_is_fed_forward_is_judged_as_one_that_nobody_knows(share: float) -> None:
     """Its command was none to speak of: no move, or a position sensor for sure; with 5 % a winding that was 20 % off."""
     actuator = hidden.draw_actuator(300014, "position_servo")

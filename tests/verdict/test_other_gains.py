@@ -44,6 +44,7 @@ def test_a_voltage_of_another_gain_changes_no_verdict(seed: int, gain: float) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(75_040, 75_046))
+@pytest.mark.first(2)
 def test_gains_of_both_are_told_or_in_doubt(seed: int) -> None:
     frame = scaled("voltage_v", 1.04, seed)
     verdict, _ = said(frame.assign(current_a=0.95 * frame["current_a"]))

@@ -125,6 +125,7 @@ def test_an_unknown_servo_that_slows_its_motor_is_stopping_it() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trait", ["hum_50hz", "no_voltage", "hum_50hz+csv_3_decimals"])
+@pytest.mark.first(1)
 def test_hum_leaves_no_doubt_of_an_obstacle(trait: str) -> None:
     """A sensor's story that was none of the best had made a slip as likely as the obstacle."""
     told = [said(draw_move_case(seed, "overload"), trait, seed) for seed in range(71_500_000, 71_500_018, 3)]
@@ -132,6 +133,7 @@ def test_hum_leaves_no_doubt_of_an_obstacle(trait: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_position_that_begins_to_drift_is_none_of_another_gain() -> None:
     told = [
         said(draw_failing_case(seed, "drift", "position", 3.0), "coloured", seed)

@@ -31,6 +31,7 @@ def slow(drive: str, seed: int, rate_hz: float) -> hidden.Actuator:
     ("drive", "rate_hz"),
     [("voltage", 50.0), ("pi_servo", 50.0), ("position_servo", 50.0), ("voltage", 100.0)],
 )
+@pytest.mark.first(1)
 def test_moves_of_slow_loggers(drive: str, rate_hz: float) -> None:
     """Of three actuators: no healthy move is a fault for sure, and of the faults most are told."""
     right = 0

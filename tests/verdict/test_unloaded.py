@@ -236,6 +236,7 @@ def test_a_current_that_slows_its_motor_explains_a_slower_mass() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [97100, 97103, 97104])
+@pytest.mark.first(1)
 def test_a_drive_that_logs_no_voltage(seed: int) -> None:
     """From the data sheet to both verdicts, on the independent truth; where the current leaves both, both are named."""
     actuator = hidden.draw_actuator(seed, "current")

@@ -73,6 +73,7 @@ def test_spikes_of_a_current_are_no_unit(seed: int) -> None:
 
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:])])
+@pytest.mark.first(3)
 def test_another_machine_is_never_a_sure_fault(machine: str, seed: int) -> None:
     found, warnings = verdict(move(seed, **MACHINES[machine]))
     if found.label == "not_tested":

@@ -68,6 +68,7 @@ def test_moves_in_one_direction_tell_it_as_they_stop() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss", "sensor_fault"])
 @pytest.mark.parametrize("move", [1, 3])
+@pytest.mark.first(2)
 def test_a_fault_is_told_beside_it_as_without_it_and_is_no_zero(label: str, move: int) -> None:
     """In the second move: before any two healthy ones that tell the zero."""
     kind, channel, size = ("bias", "current", 9e-3) if label == "sensor_fault" else ("", None, None)
@@ -90,6 +91,7 @@ def labels_of(log: Log) -> list[tuple[str, str | None]]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_healthy_campaigns_with_two_zero_offsets_are_healthy() -> None:
     """Of 19 campaigns through such loggers 17 had been called faulty."""
     for seed in range(8130, 8138):
@@ -104,6 +106,7 @@ def test_healthy_campaigns_with_two_zero_offsets_are_healthy() -> None:
 @pytest.mark.parametrize(
     ("drive", "seed"), [("pi_servo", 500002), ("position_servo", 500001), ("voltage", 500002)]
 )
+@pytest.mark.study
 def test_it_is_found_on_other_actuators(drive: str, seed: int) -> None:
     """With a rig file learned through sensors that were right: other motors, screws, friction, rates and servos."""
     actuator = hidden.draw_actuator(seed, drive)

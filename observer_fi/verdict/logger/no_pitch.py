@@ -5,7 +5,7 @@ reversal was a jam for sure.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from observer_fi.logs import NO_PITCH, Readings, acquisition_of, moves_from_rest
 from observer_fi.numerics import count_in_rows
 from observer_fi.physics import NOMINAL, UNKNOWN, Rig, with_values
-from observer_fi.records import Log, Outcome
+from observer_fi.records import Event, Log, Outcome
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.drift import SURE, or_as_well
 from observer_fi.verdict.logger.left_out import shared
@@ -82,28 +82,38 @@ def or_another_pitch(outcome: Outcome, begin: Callable[[], Log], known: Rig, giv
     absent = outcome.log is not None and any(note.startswith(NO_PITCH) for note in outcome.log.notes)
     if not absent or found is None or not known.driven.motor or not found.verdict.probability > SURE:
         return outcome
-    said, friction, gravity = found.verdict, known.model["A"], abs(known.model["B"])
-    risen = next((one.value for one in said.severity if one.name == "friction_rise"), math.inf)
-    if said.label == "jam" and abs(risen) * friction < gravity * DRIFTS_DEG:
-        label, why = NOMINAL, _DRIFTED.format(abs(risen) * friction / gravity)
-    elif said.label == UNKNOWN and _can_matter(known):
-        label, why = NOMINAL, _NOTHING
-    elif said.label == NOMINAL and _as_friction(_pitch_of(known, given), begin(), known) > RAISED * friction:
-        label, why = "jam", _RAISED.format(_pitch_of(known, given))
-    else:
+    said, w_cmd = found.verdict, begin().w_cmd
+    ways = {float(way) for way in np.unique(np.sign(w_cmd[w_cmd != 0.0]))}
+    other = another_pitch(said, known, given, ways)
+    if other is None:
         return outcome
-    return shared(outcome, said, lambda event: or_as_well(event, label, why), known)
+    return shared(outcome, said, lambda event: or_as_well(event, *other), known)
+
+
+def another_pitch(
+    said: Event, known: Rig, given: Rig, ways: Collection[float], one_way: bool = False
+) -> tuple[str, str] | None:
+    """The label that looks as what was said, with another pitch than that of the known rig, and why; None where none does.
+
+    given: the rig without a pitch that was told; ways: signs of the commands up to now; one_way: whether motion in one direction
+    alone told it, a friction of that day included, which the way back shows twice. There a jam without a size says nothing.
+    """
+    friction, gravity, pitch = known.model["A"], abs(known.model["B"]), _pitch_of(known, given)
+    risen = next((abs(one.value) for one in said.severity if one.name == "friction_rise"), math.inf)
+    if said.label == "jam" and risen * friction < gravity * DRIFTS_DEG * (2.0 if one_way else 1.0):
+        return NOMINAL, _DRIFTED.format(risen * friction / gravity)
+    unsized = one_way and said.label == "jam" and not math.isfinite(risen)
+    if _can_matter(known) and (said.label == UNKNOWN or unsized):
+        return NOMINAL, _NOTHING
+    # In one direction a friction that had risen has the motion as such a pitch has it.
+    if said.label == NOMINAL and len(ways) == 1 and min(ways) * known.model["B"] * pitch > RAISED * friction:
+        return "jam", _RAISED.format(pitch)
+    return None
 
 
 def _pitch_of(known: Rig, given: Rig) -> float:
     """What a missing pitch was taken for [deg]."""
     return given.model["pitch_offset"] - known.model["pitch_offset"]
-
-
-def _as_friction(pitch: float, log: Log, rig: Rig) -> float:
-    """The friction that has the moves of a log as such a pitch has them [N m]; 0 where they go both ways, which tells the two."""
-    ways = np.unique(np.sign(log.w_cmd[log.w_cmd != 0.0]))
-    return float(ways[0] * rig.model["B"] * pitch) if ways.size == 1 else 0.0
 
 
 def _is_needed(log: Log, rig: Rig) -> bool:

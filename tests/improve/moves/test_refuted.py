@@ -100,6 +100,7 @@ def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyP
         ("km_by_direction", 7110007), ("square_drag", 7110013), ("kp_by_error", 7110020), ("lead_swing", 99100040),
     ],
 )  # fmt: skip
+@pytest.mark.first(1)
 def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause: str, seed: int) -> None:
     """They were voltage_offset, viscous_friction, load_dependent_friction and position_gain."""
     spec = hidden.draw_effects_case(seed, (cause,), 1.0 if cause in FAINT else 3.0)
