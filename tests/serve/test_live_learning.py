@@ -202,18 +202,18 @@ def test_a_stream_that_ends_in_its_first_start_says_what_it_knows() -> None:
 
 @pytest.mark.parametrize("batch", [1, 7, 5000])
 def test_a_start_beside_an_offset_is_learned_to_its_stop(batch: int) -> None:
-    start = Lesson(rows(500, 500))
+    start = Lesson(rows(500, 500), "start")
     start.take(rows(416, 0, 500))
-    assert start.next_one(SimpleNamespace(offset=0.0)) is None
-    stop = start.next_one(SimpleNamespace(offset=0.03))
-    assert stop is not None and stop.stops
+    assert start.next_one(SimpleNamespace(offset=0.0), pitch=True) is None
+    stop = start.next_one(SimpleNamespace(offset=0.03), pitch=True)
+    assert stop is not None and stop.shows == "stop"
     way = rows(3000, 0, 916)
     way[1500:, 5] = 0.0
     taken = 0
     while not stop.complete:
         taken += stop.take(way[taken : taken + batch])
     assert taken == pytest.approx(1500 + STOP_S * 1600, abs=1) and len(stop.table) == 916 + taken
-    assert stop.next_one(SimpleNamespace(offset=0.03)) is None
+    assert stop.next_one(SimpleNamespace(offset=0.03), pitch=True) is None
 
 
 def test_a_move_without_end_is_not_kept() -> None:
