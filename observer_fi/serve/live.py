@@ -156,8 +156,10 @@ class Lesson:
         self.kept = [table_of([]) if table is None else table]
         self.moved, self.shows = shows != REST, shows
         self.until = np.inf
-        if table is not None and len(table):
-            self.until = table[-1, 0] + START_S if shows == START else self._end(table)
+        if table is not None and len(table) and shows == START:
+            self.until = table[-1, 0] + START_S
+        elif table is not None and shows == BACK:
+            self.until = self._end(table)
         self.complete = False
 
     def _end(self, rows: Array) -> float:
