@@ -235,10 +235,8 @@ class Live:
     ) -> None:
         self.rig, self.all_settings, self.engine, self.filter_kind = rig, settings, engine, filter_kind
         self.without_pitch: Rig | None = None  # the rig as filed, where the stream has no pitch
-        self.way, self.both_ways = (
-            0.0,
-            False,
-        )  # sign of its first command; whether motion both ways told its pitch
+        self.way = 0.0  # sign of the first command of such a stream
+        self.both_ways = False  # whether motion both ways told its pitch
         self._make_bank(settings, rig)
         modes = tuple(h.name for h in self.bank.hypotheses)
         self.settings = settings.decision

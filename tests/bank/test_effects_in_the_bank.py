@@ -156,8 +156,8 @@ def test_every_variant_of_every_cause_has_a_log() -> None:
 HEALTHY = (2.5, 3.5)
 
 
-def consistent(name: str, faults: tuple[str, ...] = ("overload", "coupling_loss")) -> None:
-    """A healthy log is one, and consistent; faults in it are found."""
+def consistent(name: str) -> None:
+    """A healthy log is one, and consistent; a fault in it is found."""
     rig = rig_of(name)
     if name.split(":")[0] in ("contact_exponent", "contact_damping"):  # they show in an overload only
         label, nis = judged(log_of(name, SHORT, "overload", 1.8), rig)
@@ -165,9 +165,9 @@ def consistent(name: str, faults: tuple[str, ...] = ("overload", "coupling_loss"
     else:
         label, nis = judged(log_of(name, SHORT), rig)
         assert label == "nominal"
+        assert judged(log_of(name, SHORT, "overload", 2.0), rig)[0] == "overload"
     assert HEALTHY[0] < nis < HEALTHY[1]
-    for fault in faults:
-        assert judged(log_of(name, SHORT, fault, 2.0), rig)[0] == fault
+    assert judged(log_of(name, SHORT, "coupling_loss", 2.0), rig)[0] == "coupling_loss"
 
 
 @pytest.mark.parametrize("name", FAST)
@@ -180,8 +180,7 @@ def test_what_the_bank_once_left_out_is_carried(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in FAST])
 @pytest.mark.first(10)
 def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> None:
-    """And one of two faults in it is found: which of them in turn."""
-    consistent(name, (("overload", "coupling_loss")[EVERY.index(name) % 2],))
+    consistent(name)
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])

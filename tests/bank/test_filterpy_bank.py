@@ -108,7 +108,7 @@ def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltag
 
 
 @pytest.mark.parametrize(
-    ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 2.4, marks=pytest.mark.slow)]
+    ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("name", SAMPLES)
 @pytest.mark.first(4)
@@ -118,7 +118,7 @@ def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: fl
     ours = FilterpyBank(RIG, SETTINGS, filter_kind=kind).advance(log)
     compiled = kernels.Bank(RIG, SETTINGS, filter_kind=kind).advance(log)
     np.testing.assert_allclose(ours.probability, compiled.probability, rtol=0.0, atol=1e-8)
-    if seconds > 2.0:
+    if seconds > 3.0:
         best = ours.modes[int(ours.probability[ours.active][-1].argmax())]
         assert best == SAMPLES[name]["label"]
 

@@ -14,7 +14,7 @@ PLANT = with_values(RIG, {"screw_ripple_sin": 1.6e-4, "A": 4.3e-4})
 
 @pytest.fixture(scope="module")
 def both() -> tuple[DiagnosisGain, DiagnosisGain]:
-    before, after = (measure_diagnosis_gain(PLANT, rig, Settings(), cases=6) for rig in (RIG, PLANT))
+    before, after = (measure_diagnosis_gain(PLANT, rig, Settings(), cases=12) for rig in (RIG, PLANT))
     return before, after
 
 
@@ -22,13 +22,13 @@ def both() -> tuple[DiagnosisGain, DiagnosisGain]:
 def test_the_right_model_ends_the_false_alarms(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert before.false_alarms > 0 == after.false_alarms
-    assert before.healthy == after.healthy == 2
+    assert before.healthy == after.healthy == 4
 
 
 @pytest.mark.slow
 def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
-    assert after.right == after.faults == 4 >= before.right
+    assert after.right == after.faults == 8 >= before.right
     assert after.delay_s["overload"] < 0.06 and after.delay_s["coupling_loss"] < 0.02
     slow = before.delay_s["overload"]
     assert math.isnan(slow) or slow > after.delay_s["overload"]

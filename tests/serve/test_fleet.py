@@ -376,9 +376,11 @@ def test_a_worker_is_killed_and_a_second_run_does_nothing(
 
 
 @pytest.mark.slow
-def test_sixty_logs_ten_of_them_broken(tmp_path: Path, cluster: tuple[str, Processes]) -> None:
-    make_logs(tmp_path / "logs", 50, 10)
-    run_and_kill(make_job(tmp_path), 50, 10, *cluster)
+@pytest.mark.parametrize("whole", [50, 190])
+@pytest.mark.first(1)
+def test_many_logs_ten_of_them_broken(whole: int, tmp_path: Path, cluster: tuple[str, Processes]) -> None:
+    make_logs(tmp_path / "logs", whole, 10)
+    run_and_kill(make_job(tmp_path), whole, 10, *cluster)
 
 
 def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tuple[str, Processes]) -> None:

@@ -66,6 +66,20 @@ def fed(data: list[bytes], options: Options | None = None) -> tuple[list[dict], 
     return [json.loads(line) for line in out.getvalue().splitlines()], said
 
 
+@pytest.mark.parametrize("pitch", [True, False])
+def test_a_stream_says_whether_it_has_a_pitch(pitch: bool) -> None:
+    lines = [line for line in csv_lines(sample_log()) if not line.startswith("#")]
+    head = lines[0].rstrip("\n").split(",")
+    kept = [k for k, name in enumerate(head) if pitch or name != "pitch_deg"]
+    flow = Watch(Options(RIG, SETTINGS), "stream", io.StringIO(), lambda text: None)
+    flow.take(
+        "".join(
+            ",".join(np.array(line.rstrip("\n").split(","))[kept]) + "\n" for line in lines[:200]
+        ).encode()
+    )
+    assert flow.live.without_pitch is (None if pitch else RIG)
+
+
 def posteriors(lines: list[dict]) -> np.ndarray:
     return np.array([list(line["posterior"].values()) for line in lines if line["event"] == "sample"])
 

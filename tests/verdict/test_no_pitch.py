@@ -56,16 +56,16 @@ def test_a_healthy_reversal_without_a_pitch_is_no_jam(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss", "slip", "jam"])
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.first(4)
+@pytest.mark.first(2)
 def test_faults_are_told_without_a_pitch(label: str, shape: str) -> None:
     right, wrong = 0, 0
     same = {"overload", "slip"} if label in ("overload", "slip") else {label}  # as with a pitch
-    for seed in range(99_750_010, 99_750_012):
+    for seed in range(99_750_010, 99_750_014):
         found = diagnose_log(log_from_frame(without_pitch(seed, label, shape)[0]), RIG, SETTINGS).isolation
         assert found is not None
         told = bool(same & {found.verdict.label, *found.verdict.alike})
         right, wrong = right + told, wrong + (not told and found.verdict.probability > 0.95)
-    assert right >= 1 and wrong <= 1  # one obstacle is not touched: health with a pitch too
+    assert right >= 2 and wrong <= 1  # one obstacle is not touched: health with a pitch too
 
 
 @pytest.mark.slow

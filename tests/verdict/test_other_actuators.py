@@ -41,9 +41,12 @@ def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
     [
         ("pi_servo", 300006),
         ("position_servo", 300006),
+        ("position_servo", 300012),
         ("position_servo", 300011),
         ("position_servo", 300014),
+        ("pi_servo", 300013),
         ("current", 301000),
+        ("pi_servo", 301004),
         (
             "pi_servo",
             600000,

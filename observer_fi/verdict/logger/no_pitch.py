@@ -80,7 +80,7 @@ def or_another_pitch(outcome: Outcome, begin: Callable[[], Log], known: Rig, giv
     """
     found = outcome.isolation
     absent = outcome.log is not None and any(note.startswith(NO_PITCH) for note in outcome.log.notes)
-    if not absent or found is None or not known.driven.motor or not found.verdict.probability > SURE:
+    if not absent or found is None or not found.verdict.probability > SURE:
         return outcome
     said, w_cmd = found.verdict, begin().w_cmd
     ways = {float(way) for way in np.unique(np.sign(w_cmd[w_cmd != 0.0]))}
@@ -98,6 +98,8 @@ def another_pitch(
     given: the rig without a pitch that was told; ways: signs of the commands up to now; one_way: whether motion in one direction
     alone told it, a friction of that day included, which the way back shows twice. There a jam without a size says nothing.
     """
+    if not known.driven.motor:
+        return None
     friction, gravity, pitch = known.model["A"], abs(known.model["B"]), _pitch_of(known, given)
     risen = next((abs(one.value) for one in said.severity if one.name == "friction_rise"), math.inf)
     if said.label == "jam" and risen * friction < gravity * DRIFTS_DEG * (2.0 if one_way else 1.0):

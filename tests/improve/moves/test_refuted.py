@@ -97,12 +97,13 @@ def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("cause", "seed"),
     [
-        ("km_by_direction", 7110007), ("square_drag", 7110013), ("kp_by_error", 7110020), ("lead_swing", 99100040),
+        ("km_by_direction", 7110007), ("lead_heating", 7110010), ("square_drag", 7110013), ("kp_by_error", 7110020),
+        ("position_hysteresis", 7110033), ("lead_swing", 99100040),
     ],
 )  # fmt: skip
 @pytest.mark.first(1)
 def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause: str, seed: int) -> None:
-    """They were voltage_offset, viscous_friction, load_dependent_friction and position_gain."""
+    """They were voltage_offset, position_gain, viscous_friction, load_dependent_friction, and position_gain twice."""
     spec = hidden.draw_effects_case(seed, (cause,), 1.0 if cause in FAINT else 3.0)
     log, rig = log_from_frame(hidden.make_log(spec, seed)[0]), load_rig()
     problem = simulated_moves([log], with_servo([log], rig))
