@@ -193,13 +193,13 @@ class Rig:
     def noise_std(self) -> Array:
         """(3,) standard deviation of voltage [V], current [A], position [m] that filters assume.
 
-        That of the file, where the logger does not need clearly more.
+        That of the file, where the logger does not need clearly more; rounding comes on top of it.
         """
         usual = self.file_noise_std
         if self.logger is None:
             return usual
         seen = np.array([channel.as_white for channel in self.logger[:3]])
-        return np.where(seen > NOTICED * usual, seen, usual)
+        return np.where(seen > np.where(self.step > 0.0, 1.0, NOTICED) * usual, seen, usual)
 
     @property
     def file_noise_std(self) -> Array:

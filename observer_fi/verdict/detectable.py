@@ -6,7 +6,7 @@ which constants that either may still move have moved already (Kullback and Leib
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples, of_a_move
 from observer_fi.numerics import MOST
-from observer_fi.physics import FAULTS, PARAMETERS, FaultRow, Least, OwnState, Rig
+from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, FaultRow, Least, OwnState, Rig, words_of
 from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
@@ -68,6 +68,18 @@ def could_show(
         else:
             least.append(_told(row, row.least, told, filters.rig))
     return CouldShow(float(half.window.t[0]), tuple(least), tuple(blind))
+
+
+def or_unseen(event: Event, could: CouldShow | None, unread: Sequence[str]) -> Event:
+    """A healthy event, or as well what it shows at no size because channels tell nothing. unread: the columns of these."""
+    if event.label != NOMINAL or event.alike or could is None or not could.blind or not unread:
+        return event
+    share = 1.0 / (1 + len(could.blind))
+    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((NOMINAL, *could.blind), share)
+    why = f"without {' and '.join(unread)} nothing shows {' or '.join(map(words_of, could.blind))}"
+    return event._replace(
+        probability=share, posterior=posterior, alike=could.blind, reasons=(*event.reasons, why)
+    )
 
 
 def _second_half(event: Event, bank: Bank, nominal: Hypothesis, filters: Filters) -> Half | None:

@@ -31,7 +31,7 @@ from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict import traces as sketch
 from observer_fi.verdict.cautions import cautions
-from observer_fi.verdict.detectable import could_show
+from observer_fi.verdict.detectable import could_show, or_unseen
 from observer_fi.verdict.drift import SURE, or_else, raised_friction, usual_rise
 from observer_fi.verdict.drive_off import without_off
 from observer_fi.verdict.isolate import (
@@ -494,7 +494,8 @@ class Diagnosis:
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)
-        isolation = untested(lack) if lack else Isolation(verdict, events, found.consistency, could)
+        seen = or_unseen(verdict, could, self.as_logged.unread if self.as_logged else ())
+        isolation = untested(lack) if lack else Isolation(seen, events, found.consistency, could)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}
         log = Log(self.path, empty, np.empty((0, 3)), empty, empty, **facts)

@@ -69,6 +69,11 @@ SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart
 # Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
 # has 3.
 A_LITTLE_OF, A_LITTLE = ("slip", "jam"), 5.0
+# Times the expected NIS of nominal before a fault, up to which that may have a name all the same.
+SO_SO = 2.0
+NOT_TO_THE_LAST = (
+    "the motion before it is not explained to the last: the rig file may not describe this machine as it is"
+)
 
 
 class LastWord:
@@ -177,7 +182,8 @@ class LastWord:
         if event.label == NOMINAL and counted and self._without_a_name(counted[0], whole):
             return _unexplained(event, counted[0], whole)
         if event.label == UNKNOWN:
-            return self._of_the_start(event, whole, doubted, bool(counted))
+            told = self._of_the_start(event, whole, doubted, bool(counted))
+            return self._or_a_name(event, paths, whole) if told is event else told
         if event.label == NOMINAL:
             return self._or_a_little(event, paths, whole)
         # a drive that goes off at rest is no misfit
@@ -198,6 +204,20 @@ class LastWord:
         # the ring of a soft start, which nominal explains as well as the rest of the move
         rings = not counted and first_misfit(whole.nis, whole.expected(whole.nominal), whole) is None
         return jammed if rings or jammed.label != NOMINAL else event
+
+    def _or_a_name(self, event: Event, paths: Sequence[Path], whole: WholeMove) -> Event:
+        """A fault without a name; or as well the one that explains its samples better than nominal those before it, which are not
+        explained to the last."""
+        best = paths[0] if paths else None
+        if best is None or best.hypothesis.label == UNKNOWN or best.gain < FAR * self.settings.move_nats:
+            return event
+        before = whole.nis[int(np.searchsorted(whole.window.t, event.start_s + SETTLED_S)) : best.begin]
+        misfit = float(before.mean()) / whole.expected(whole.nominal) if before.size >= LEFT else math.inf
+        stories = in_order(list(self.naming.stories(best, whole)))
+        clean_but_for_it = misfit < SO_SO and best.nis <= misfit * whole.expected(best.hypothesis)
+        if not (stories and clean_but_for_it and self.naming.counts(best, whole, event)):
+            return event
+        return or_as_well(self.naming.told(event, stories, whole), UNKNOWN, NOT_TO_THE_LAST)
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
         """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.

@@ -322,9 +322,12 @@ def _finest(pieces: Sequence[Array]) -> float | None:
 
 def _as_white(noise: float, factor: float, lines: Sequence[Line], rounding: float, usual: float) -> float:
     """Standard deviation of the white noise that says as little as this channel's: its density at frequency zero, with
-    lines that do not average out within a period."""
+    lines that do not average out within a period.
+
+    Of coarse readings a rest tells the noise as well as where in a step they lie: it is taken for no less than the usual one.
+    """
     hum = sum(line.amplitude**2 for line in lines)
-    own = factor * noise**2 if noise**2 > rounding else max(noise, usual) ** 2
+    own = max(factor * noise**2, usual**2) if rounding else factor * noise**2
     return math.sqrt(own + rounding + LINE_WEIGHT * hum)
 
 

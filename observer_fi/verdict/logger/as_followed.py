@@ -25,6 +25,7 @@ NO_FAULT_OF_IT = ("sensor_fault", UNKNOWN, NOT_TESTED)  # of the actuator
 EXPLAINED = 1.5  # times the expected NIS
 START_S = 4.0  # of a log, in which its first start is over
 LATE_S = 0.004  # by which readings may be later than the command
+VOLTAGE_LATE_S = tuple(LATE_S * k / 8 for k in range(9))  # that are tried
 LONG = 5.0  # times AROUND_S: a way up of which late and held readings, or a delay of the servo, make no other ramp
 # What is no reading's doing, as SHAPE. Seeds 99610000 to 99630005: loggers at most 0.0016, gains and windings that are
 # off at most 0.0014, commands that were spoilt at least 0.005.
@@ -58,8 +59,23 @@ def is_not_followed(log: Log, rig: Rig) -> bool:
     if not moving.size:
         return False
     begun = log.part(slice(0, int(moving[0]) + round(START_S * log.rate_hz)))
-    told = None if held_together(begun, rig) else _as_told(begun, rig)
-    return told is not None and _differs(begun, told.w_cmd, LATE_S, CLEARLY, soft=True)
+    if held_together(begun, rig):
+        return False
+    for late_s in VOLTAGE_LATE_S:
+        told = _as_told(_with_voltage_ahead(begun, late_s), rig)
+        if told is None or not _differs(begun, told.w_cmd, LATE_S, CLEARLY, soft=True):
+            return False
+    return True
+
+
+def _with_voltage_ahead(log: Log, late_s: float) -> Log:
+    """`log` with its voltage so much earlier: later than the current, it makes the servo's ring of a command."""
+    there = np.isfinite(log.z[:, 0])
+    if not late_s or not there.any():
+        return log
+    z = log.z.copy()
+    z[there, 0] = np.interp(log.t[there] + late_s, log.t[there], log.z[there, 0])
+    return replace(log, z=z)
 
 
 def _as_told(log: Log, rig: Rig) -> Log | None:

@@ -27,8 +27,8 @@ from observer_fi.logs import (
     means_of,
     with_low_passes,
 )
-from observer_fi.physics import Rig
-from observer_fi.records import Acquisition, Array, Log
+from observer_fi.physics import COLUMNS, Rig
+from observer_fi.records import CHANNELS, Acquisition, Array, Log
 from observer_fi.settings import BankSettings
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
@@ -124,6 +124,11 @@ class AsLogged:
         for mean in self.means:
             late[mean.channel] += mean.ahead
         return Lateness(*late)
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Columns of which filters take no reading, because they stand or cover a few steps only."""
+        return tuple(COLUMNS[c] for c, dark in zip(CHANNELS, self.readings.dark, strict=True) if dark)
 
     def _learn(self, log: Log, rig: Rig, settings: BankSettings) -> Told | None:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
