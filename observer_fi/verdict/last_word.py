@@ -71,9 +71,10 @@ SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart
 A_LITTLE_OF, A_LITTLE = ("slip", "jam"), 5.0
 # Times the expected NIS of nominal before a fault, up to which that may have a name all the same.
 SO_SO = 2.0
-NOT_TO_THE_LAST = (
+NOT_BEFORE = (
     "the motion before it is not explained to the last: the rig file may not describe this machine as it is"
 )
+NOT_TO_THE_LAST = "{} explains this move best, but not to the last"
 
 
 class LastWord:
@@ -206,18 +207,23 @@ class LastWord:
         return jammed if rings or jammed.label != NOMINAL else event
 
     def _or_a_name(self, event: Event, paths: Sequence[Path], whole: WholeMove) -> Event:
-        """A fault without a name; or as well the one that explains its samples better than nominal those before it, which are not
-        explained to the last."""
+        """A fault without a name, and as well the one that explains the move best of all, but not to the last.
+
+        That one first, where its samples are explained better than those before it: then it is the rig file that is off.
+        """
         best = paths[0] if paths else None
         if best is None or best.hypothesis.label == UNKNOWN or best.gain < FAR * self.settings.move_nats:
             return event
         before = whole.nis[int(np.searchsorted(whole.window.t, event.start_s + SETTLED_S)) : best.begin]
         misfit = float(before.mean()) / whole.expected(whole.nominal) if before.size >= LEFT else math.inf
+        left = best.nis / whole.expected(best.hypothesis)
         stories = in_order(list(self.naming.stories(best, whole)))
-        clean_but_for_it = misfit < SO_SO and best.nis <= misfit * whole.expected(best.hypothesis)
-        if not (stories and clean_but_for_it and self.naming.counts(best, whole, event)):
+        if not stories or max(misfit, left) >= SO_SO or not self.naming.counts(best, whole, event):
             return event
-        return or_as_well(self.naming.told(event, stories, whole), UNKNOWN, NOT_TO_THE_LAST)
+        told = self.naming.told(event, stories, whole)
+        if left <= misfit:
+            return or_as_well(told, UNKNOWN, NOT_BEFORE)
+        return or_as_well(event._replace(reasons=()), told.label, NOT_TO_THE_LAST.format(FAULTS[told.label].title.lower()))
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
         """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.
