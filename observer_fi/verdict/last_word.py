@@ -223,7 +223,9 @@ class LastWord:
         told = self.naming.told(event, stories, whole)
         if left <= misfit:
             return or_as_well(told, UNKNOWN, NOT_BEFORE)
-        return or_as_well(event._replace(reasons=()), told.label, NOT_TO_THE_LAST.format(FAULTS[told.label].title.lower()))
+        return or_as_well(
+            event._replace(reasons=()), told.label, NOT_TO_THE_LAST.format(FAULTS[told.label].title.lower())
+        )
 
     def _or_health(self, event: Event, paths: Sequence[Path]) -> Event:
         """Health instead of a fault that the bank is sure of and the whole move is not; both where it likes the fault too.

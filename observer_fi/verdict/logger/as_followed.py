@@ -107,7 +107,7 @@ def _differs(log: Log, w_cmd: Array, late_s: float, share: float, soft: bool = F
     if not there.any() or abs(np.median((log.w_cmd - w_cmd)[behind][there])) > SAME_LEVEL * speed:
         return False
     ramp = np.arange(max(first - around, late), min(top + around, log.t.size - late))
-    told = (w_cmd, w_cmd + _of_the_winding(log, w_cmd, first, behind))
+    told = (w_cmd, w_cmd + _of_the_winding(log, w_cmd, first, behind), w_cmd * _gain(log, w_cmd, behind))
     shifted = [log.w_cmd[ramp + shift] for shift in range(-late, late + 1)]
     least = min(float(np.nanmean(np.abs(logged - shown[ramp]))) for logged in shifted for shown in told)
     rough = float(np.median(np.abs(np.diff(w_cmd[first:top], 2)))) if top > first + 2 else 0.0
@@ -116,6 +116,12 @@ def _differs(log: Log, w_cmd: Array, late_s: float, share: float, soft: bool = F
         wanders = float(np.mean(np.abs(apart - np.median(apart))))
         return top - first > LONG * around and least > max(share * speed, rough, RESTLESS * wanders)
     return least > max(share * speed, rough)
+
+
+def _gain(log: Log, w_cmd: Array, behind: slice) -> float:
+    """What a voltage that reads too much makes of a recovered command (n,) [rad/s], as at the speed behind the ramp."""
+    there = w_cmd[behind] != 0.0
+    return float(np.nanmedian(log.w_cmd[behind][there] / w_cmd[behind][there])) if there.any() else 1.0
 
 
 def _of_the_winding(log: Log, w_cmd: Array, first: int, behind: slice) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from observer_fi.bank import Bank
 from observer_fi.logs import SHORTEST_REST, moves_from_rest, quiet_speed
 from observer_fi.physics import Rig, with_values
-from observer_fi.records import Log
+from observer_fi.records import Array, Log
 from observer_fi.settings import BankSettings
 
 BEFORE_S, AFTER_S, STEADY_S = 0.12, 0.25, 0.08  # of the start of a move, and its last part, without a ring
@@ -122,15 +122,25 @@ def _position(gain: "_Gains", best: Lateness) -> Lateness:
     return later if better and gain.explains(later) else best
 
 
-def first_start(log: Log) -> Log | None:
-    """The first start from rest with enough rest before it, None where there is none."""
+def first_start(log: Log, risen: bool = False) -> Log | None:
+    """The first start from rest with enough rest before it, None where there is none.
+
+    risen: a soft one until as long after its speed has been reached.
+    """
     for move in moves_from_rest(log):
-        since, until = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, log.t[move.start] + AFTER_S))
+        begun = log.t[_top(log.w_cmd, move.start) if risen else move.start]
+        since, until = np.searchsorted(log.t, (log.t[move.start] - BEFORE_S, begun + AFTER_S))
         first = max(min(int(since), move.start - SHORTEST_REST), move.rest)
         last = min(max(int(until), move.start + FEWEST), move.stop)
         if move.start - first >= SHORTEST_REST and last - move.start >= FEWEST:
             return log.part(slice(first, last))
     return None
+
+
+def _top(w_cmd: Array, start: int) -> int:
+    """The sample at which a commanded speed that begins at `start` has risen, as far as it does without a pause."""
+    rises = np.append(np.diff(np.abs(w_cmd[start:])) > 0.0, False)
+    return start + int(np.argmin(rises))
 
 
 def _first_stop(log: Log) -> Log | None:

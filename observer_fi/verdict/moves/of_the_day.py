@@ -29,6 +29,8 @@ COARSE = {
 FINER = (0.03, 0.015, 0.007, 0.0035)
 LOOKED_AT = 0.85  # times the expected NIS: a start that is explained better tells of no other day
 NOTICED_NATS, FITS = 40.0, 1.3  # that another day must gain at a start, and how well it then fits
+MORE_NATS = 20.0  # that each further part of a day must gain
+TOPS = 3  # parabolas, one after the other
 BEGIN = 8  # samples until a filter has found its state
 LEAST = 1e-300  # probability
 
@@ -79,7 +81,7 @@ class FirstStart:
     ) -> None:
         self.rig, self.offset_of, self.full = rig, offset_of, settings
         self.settings = replace(settings, unknown=False, sensors=False)
-        cut = first_start(log) if rig.driven.motor else None
+        cut = first_start(log, risen=True) if rig.driven.motor else None
         tells = cut is not None and rig.model["Rm"] > 0.0 and np.isfinite(log.z[:, :2]).any(axis=0).all()
         self.cut = cut if tells else None
         self.free = tuple(COARSE) if rig.watched.servo else ("winding",)
@@ -94,10 +96,10 @@ class FirstStart:
         while len(parts) < len(self.free) and self.told(best).misfit >= LOOKED_AT:
             left = [name for name in self.free if name not in parts]
             name, more = max(
-                ((name, self._best(best, name, COARSE[name])) for name in left),
+                ((name, self._peak(best, name, COARSE[name])) for name in left),
                 key=lambda tried: self.told(tried[1]).nats,
             )
-            if more == best:
+            if self.told(more).nats < self.told(best).nats + MORE_NATS:
                 break
             parts.append(name)
             best = self._finer(more, parts)
@@ -121,10 +123,20 @@ class FirstStart:
         if day.voltage == 1.0:
             return day
         near = [self._with(day._replace(voltage=day.voltage + by)) for by in (-FINER[-1], 0.0, FINER[-1])]
-        low, mid, high = (self.told(one).nats for one in near)
-        bent = low - 2.0 * mid + high
-        by = 0.5 * FINER[-1] * (low - high) / bent if bent < 0.0 else 0.0
-        return self._best(day, "voltage", [day.voltage + by])
+        return self._best(day, "voltage", _top([(one.voltage, self.told(one).nats) for one in near]))
+
+    def _peak(self, day: Day, name: str, values: Sequence[float]) -> Day:
+        """The best of some values of one part of the day, or of the tops of parabolas through that and its neighbours.
+
+        A gain is told more finely than these values lie apart: the right one may be between two that explain nothing.
+        """
+        known = {getattr(day, name): day} | {v: self._with(day._replace(**{name: v})) for v in values}
+        for _ in range(TOPS):
+            nats = sorted((v, self.told(one).nats) for v, one in known.items())
+            best = max(range(len(nats)), key=lambda k: nats[k][1])
+            for v in _top(nats[max(best - 1, 0) : best + 2]):
+                known[v] = self._with(day._replace(**{name: v}))
+        return max(known.values(), key=lambda one: self.told(one).nats)
 
     def _best(self, day: Day, name: str, values: Sequence[float]) -> Day:
         """The best of some values of one part of the day."""
@@ -143,6 +155,17 @@ class FirstStart:
         assert self.cut is not None
         cut = replace(self.cut, z=day.true(self.cut.z) - np.array([day.offset, 0.0, 0.0]))
         return told_by(Bank(day.of(self.rig), settings).advance(cut), cut.z)
+
+
+def _top(points: Sequence[tuple[float, float]]) -> list[float]:
+    """Where the parabola through three points (value, nats) has its top; none where they have no top between them."""
+    if len(points) < 3:
+        return []
+    (a, low), (b, mid), (c, high) = points
+    left, right = (mid - low) / (b - a), (high - mid) / (c - b)
+    bent = (right - left) / (c - a)
+    top = 0.5 * (a + b) - 0.5 * left / bent if bent < 0.0 else math.nan
+    return [top] if a < top < c else []
 
 
 def told_by(e: Estimate, z: Array) -> Told:
