@@ -10,7 +10,7 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs import is_recovered, recover_command
-from observer_fi.numerics import filled
+from observer_fi.numerics import filled, resolution_of
 from observer_fi.physics import NOMINAL, NOT_TESTED, UNKNOWN, Rig
 from observer_fi.records import Array, Log, Outcome
 from observer_fi.verdict.logger.at_ticks import held_together
@@ -26,6 +26,9 @@ EXPLAINED = 1.5  # times the expected NIS
 START_S = 4.0  # of a log, in which its first start is over
 LATE_S = 0.004  # by which readings may be later than the command
 VOLTAGE_LATE_S = tuple(LATE_S * k / 8 for k in range(9))  # that are tried
+# Times the noise of the voltage, that the speed of a step of the command makes; of a step, by which a multiple may be off; share
+# of the samples that are multiples; and places where a ramp rises unevenly: a trapezoid has four corners.
+ROUNDED, OFF_STEP, MOSTLY, FEWEST_STAIRS = 1.5, 0.02, 0.98, 12
 LONG = 5.0  # times AROUND_S: a way up of which late and held readings, or a delay of the servo, make no other ramp
 # What is no reading's doing, as SHAPE. Seeds 99610000 to 99630005: loggers at most 0.0016, gains and windings that are
 # off at most 0.0014, commands that were spoilt at least 0.005.
@@ -59,6 +62,8 @@ def is_not_followed(log: Log, rig: Rig) -> bool:
     if not moving.size:
         return False
     begun = log.part(slice(0, int(moving[0]) + round(START_S * log.rate_hz)))
+    if _is_rounded(log, rig) and _as_told(log, rig) is not None:
+        return True
     if held_together(begun, rig):
         return False
     for late_s in VOLTAGE_LATE_S:
@@ -66,6 +71,24 @@ def is_not_followed(log: Log, rig: Rig) -> bool:
         if told is None or not _differs(begun, told.w_cmd, LATE_S, CLEARLY, soft=True):
             return False
     return True
+
+
+def _is_rounded(log: Log, rig: Rig) -> bool:
+    """Whether the logged command comes in steps of which the voltage shows more than its noise, and that its servo did not take.
+
+    A ramp that a drive makes rises by the same from sample to sample; rounded, it rises by one of two numbers of steps.
+    """
+    w = log.w_cmd[np.isfinite(log.w_cmd)]
+    changes = np.diff(w)
+    step = resolution_of(changes)
+    if step is None or rig.model["Km"] * step <= ROUNDED * rig.file_noise_std[0]:
+        return False
+    off = np.abs(w / step - np.round(w / step))
+    ways = changes[:-1] * changes[1:] != 0.0
+    uneven = np.abs(np.diff(changes)) > 0.5 * step
+    stairs = (changes[:-1] != 0.0) != (changes[1:] != 0.0)
+    of_steps = float(np.mean(off < OFF_STEP)) > MOSTLY
+    return of_steps and np.count_nonzero(stairs | (ways & uneven)) >= FEWEST_STAIRS
 
 
 def _with_voltage_ahead(log: Log, late_s: float) -> Log:
