@@ -1,7 +1,8 @@
 """A sensor that fails behind a logger whose noise hides it: the noise itself changes while the motor runs."""
 
+import pandas as pd
 import pytest
-from hidden import draw_failing_case, draw_move_case, make_log_with
+from hidden import draw_failing_case, draw_move_case, draw_severity_case, make_log, make_log_with
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
@@ -63,3 +64,19 @@ def test_noise_that_grows_under_way_is_another_range_or_a_failing_sensor() -> No
 def test_a_healthy_move_stays_one(trait: str) -> None:
     said = said_of(trait, draw_move_case(5_910_005, "nominal"), 5_910_005)
     assert said.label == "nominal" and said.probability > SURE
+
+
+@pytest.mark.parametrize("seed", [99_774_400, 99_774_410, 99_774_420])
+@pytest.mark.first(1)
+def test_a_position_that_comes_when_it_left_a_dead_band_has_no_noise_to_change(seed: int) -> None:
+    frame, _ = make_log(draw_severity_case(seed, "nominal"), seed)
+    found = diagnose_log(log_from_frame(in_a_dead_band(frame, 15e-6)), RIG, SETTINGS).isolation
+    assert found is not None and found.verdict.label == "nominal"
+
+
+def in_a_dead_band(frame: pd.DataFrame, half: float) -> pd.DataFrame:
+    """The log with a position that is told anew only where it has left a band [m] about what was told."""
+    told = frame["position_m"].to_numpy().copy()
+    for k in range(1, told.size):
+        told[k] = min(max(told[k - 1], told[k] - half), told[k] + half)
+    return frame.assign(position_m=told)

@@ -30,9 +30,11 @@ def test_a_fault_without_a_position_is_told_or_told_beside_health(label: str, se
 
 
 @pytest.mark.parametrize("seed", [257000, 257001, 257002, 257003])
-def test_health_without_a_position_is_health(seed: int) -> None:
+def test_health_without_a_position_is_health_or_a_slip(seed: int) -> None:
+    """A mass that follows in part shows in nothing else: without its position there is no all-clear for it."""
     verdict = without("position_m", "nominal", seed)
-    assert (verdict.label, verdict.alike) == ("nominal", ())
+    assert (verdict.label, verdict.alike) == ("nominal", ("slip",))
+    assert verdict.probability == verdict.posterior["slip"] == 0.5
 
 
 @pytest.mark.parametrize("seed", [256001, 256007, 256010, 256014])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from hidden import draw_move_case, make_log
+from hidden import draw_move_case, draw_severity_case, make_log
 from hidden.faults import Fault
 
 from observer_fi.logs import log_from_frame
@@ -14,6 +14,7 @@ from observer_fi.records import Event
 from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict import diagnose_log
 from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.moves.of_the_day import FirstStart
 
 RIG, SETTINGS = load_rig(), Settings()
 CLASSES = ("nominal", "overload", "coupling_loss")
@@ -79,3 +80,23 @@ def test_a_nut_that_begins_to_slip_on_the_way_does(seed: int, share: float) -> N
     verdict, _ = said(frame)
     assert verdict.label == "slip" and "nominal" not in verdict.alike and verdict.probability > 0.95
     assert verdict.onset_s == pytest.approx(truth["onset_s"], abs=0.1)
+
+
+@pytest.mark.parametrize(("shape", "seed"), [("uneven", 99_775_700), ("uneven", 99_775_711)])
+@pytest.mark.parametrize("gain", [1.02, 0.985])
+@pytest.mark.first(2)
+def test_a_gain_between_those_that_are_tried_first_is_found(shape: str, seed: int, gain: float) -> None:
+    """A voltage that is 1 % off explains nothing of a start: two gains on either side of the right one say so alike."""
+    log = log_from_frame(make_log(draw_severity_case(seed, "nominal", shape), seed)[0])
+    first = FirstStart(
+        replace(log, z=log.z * np.array([gain, 1.0, 1.0])), RIG, Settings().bank, lambda rig, times: 0.0
+    )
+    assert first.day().voltage == pytest.approx(gain, abs=1e-3)
+
+
+def test_a_soft_start_tells_the_gain_of_its_voltage_once_it_has_risen() -> None:
+    seed = 99_775_700
+    for label in ("nominal", "jam"):
+        log = log_from_frame(make_log(draw_severity_case(seed, label, "s_curve"), seed)[0])
+        found = diagnose_log(replace(log, z=log.z * np.array([1.02, 1.0, 1.0])), RIG, Settings()).isolation
+        assert found is not None and found.verdict.label == label

@@ -28,7 +28,7 @@ LATE_S = 0.004  # by which readings may be later than the command
 VOLTAGE_LATE_S = tuple(LATE_S * k / 8 for k in range(9))  # that are tried
 # Times the noise of the voltage, that the speed of a step of the command makes; of a step, by which a multiple may be off; share
 # of the samples that are multiples; and places where a ramp rises unevenly: a trapezoid has four corners.
-ROUNDED, OFF_STEP, MOSTLY, FEWEST_STAIRS = 1.5, 0.02, 0.98, 12
+ROUNDED, OFF_STEP, MOSTLY, FEWEST_STAIRS = 0.7, 0.02, 0.98, 12
 LONG = 5.0  # times AROUND_S: a way up of which late and held readings, or a delay of the servo, make no other ramp
 # What is no reading's doing, as SHAPE. Seeds 99610000 to 99630005: loggers at most 0.0016, gains and windings that are
 # off at most 0.0014, commands that were spoilt at least 0.005.

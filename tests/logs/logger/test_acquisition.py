@@ -14,6 +14,7 @@ from observer_fi.logs.logger.acquisition import (
 from observer_fi.logs.logger.clock import clock_of
 from observer_fi.logs.logger.lines import lines_of
 from observer_fi.numerics import resolution_of
+from observer_fi.physics import load_rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 
 CHANNELS = ("voltage", "current", "position")
@@ -243,6 +244,18 @@ def test_steps_are_measured_within_five_percent(sigmas: float, c: int) -> None:
         if sigmas <= 1.0:  # in coarser ones a rest does not show its noise
             assert found.noise_std == pytest.approx(SIGMA[c], rel=0.1)
             assert found.as_white == pytest.approx(np.hypot(SIGMA[c], step / np.sqrt(12.0)), rel=0.1)
+
+
+def test_rounding_comes_on_top_of_the_usual_noise_wherever_in_a_step_a_rest_lies() -> None:
+    """In motion readings go through all of a step: of 40 rests at chance some show four fifths of what they scatter by then."""
+    step, usual = 2.44 * SIGMA[2], load_rig()
+    least = np.hypot(SIGMA[2], step / np.sqrt(12.0))
+    for seed in range(40):
+        z = signal(seed).z.copy()
+        z[:, 2] = stepped(z[:, 2], step, (seed % 7) / 7.0 * step)
+        log = log_of(signal(seed).t, z)
+        known = replace(usual, logger=acquisition_of(log, usual.file_noise_std))
+        assert known.noise_std[2] == pytest.approx(least, rel=0.25) and known.noise_std[2] >= 0.999 * least
 
 
 def test_steps_far_below_the_noise_are_not_told() -> None:
