@@ -88,7 +88,7 @@ def _is_rounded(log: Log, rig: Rig) -> bool:
     uneven = np.abs(np.diff(changes)) > 0.5 * step
     stairs = (changes[:-1] != 0.0) != (changes[1:] != 0.0)
     of_steps = float(np.mean(off < OFF_STEP)) > MOSTLY
-    return of_steps and np.count_nonzero(stairs | (ways & uneven)) >= FEWEST_STAIRS
+    return of_steps and int(np.count_nonzero(stairs | (ways & uneven))) >= FEWEST_STAIRS
 
 
 def _with_voltage_ahead(log: Log, late_s: float) -> Log:
