@@ -21,7 +21,13 @@ from observer_fi.physics import load_rig, with_values
 from observer_fi.records import Consistency, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose, diagnose_log
-from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, as_followed, better, is_not_followed
+from observer_fi.verdict.logger.as_followed import (
+    NOT_FOLLOWED,
+    _is_rounded,
+    as_followed,
+    better,
+    is_not_followed,
+)
 
 RIG, SETTINGS = load_rig(), Settings()
 CLASSES = ("nominal", "overload", "coupling_loss")
@@ -197,3 +203,19 @@ def test_a_voltage_that_is_late_or_reads_too_much_is_no_other_command() -> None:
     log = log_from_frame(make_log(draw_severity_case(99_775_700, "nominal", "s_curve"), 99_775_700)[0])
     gained = replace(log, z=log.z * np.array([1.02, 1.0, 1.0]))
     assert not is_not_followed(gained, RIG)
+
+
+@pytest.mark.parametrize("speeds", [(300.0, 600.0, 300.0), (75.0, 150.0, 75.0), (200.0, 400.0, 300.0)])
+@pytest.mark.parametrize("rate_hz", [1600.0, 200.0])
+def test_round_speeds_behind_ramps_of_round_slopes_are_not_rounded(
+    speeds: tuple[float, ...], rate_hz: float
+) -> None:
+    t = np.arange(0.0, 8.0, 1.0 / rate_hz)
+    w_cmd = np.zeros(t.size)
+    for k, speed in enumerate(speeds):
+        ramps = np.minimum((t - 0.5 - 2.0 * k) * 6e4, (2.0 + 2.0 * k - t) * 6e4)
+        w_cmd += (-1.0) ** k * np.clip(ramps, 0.0, speed)
+    log = Log("log", t, np.zeros((t.size, 3)), np.zeros(t.size), w_cmd)
+    assert not _is_rounded(log, RIG)
+    soft = np.round(300.0 * np.sin(t) ** 2 / 2.0) * 2.0
+    assert _is_rounded(replace(log, w_cmd=soft), RIG)

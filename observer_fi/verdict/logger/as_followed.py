@@ -27,8 +27,9 @@ START_S = 4.0  # of a log, in which its first start is over
 LATE_S = 0.004  # by which readings may be later than the command
 VOLTAGE_LATE_S = tuple(LATE_S * k / 8 for k in range(9))  # that are tried
 # Times the noise of the voltage, that the speed of a step of the command makes; of a step, by which a multiple may be off; share
-# of the samples that are multiples; and places where a ramp rises unevenly: a trapezoid has four corners.
-ROUNDED, OFF_STEP, MOSTLY, FEWEST_STAIRS = 0.7, 0.02, 0.98, 12
+# of the samples that are multiples; levels; and share of the changes that are a step more or less than the one before: of a
+# trapezoid those at its corners.
+ROUNDED, OFF_STEP, MOSTLY, FEWEST_LEVELS, UNEVEN = 0.7, 0.02, 0.98, 8, 0.3
 LONG = 5.0  # times AROUND_S: a way up of which late and held readings, or a delay of the servo, make no other ramp
 # What is no reading's doing, as SHAPE. Seeds 99610000 to 99630005: loggers at most 0.0016, gains and windings that are
 # off at most 0.0014, commands that were spoilt at least 0.005.
@@ -83,12 +84,11 @@ def _is_rounded(log: Log, rig: Rig) -> bool:
     step = resolution_of(changes)
     if step is None or rig.model["Km"] * step <= ROUNDED * rig.file_noise_std[0]:
         return False
-    off = np.abs(w / step - np.round(w / step))
-    ways = changes[:-1] * changes[1:] != 0.0
-    uneven = np.abs(np.diff(changes)) > 0.5 * step
-    stairs = (changes[:-1] != 0.0) != (changes[1:] != 0.0)
-    of_steps = float(np.mean(off < OFF_STEP)) > MOSTLY
-    return of_steps and int(np.count_nonzero(stairs | (ways & uneven))) >= FEWEST_STAIRS
+    levels = np.round(w / step)
+    if np.mean(np.abs(w / step - levels) < OFF_STEP) < MOSTLY or np.unique(levels).size < FEWEST_LEVELS:
+        return False
+    by_one = np.count_nonzero(np.abs(np.diff(levels, 2)) == 1.0)
+    return bool(by_one >= UNEVEN * np.count_nonzero(changes))
 
 
 def _with_voltage_ahead(log: Log, late_s: float) -> Log:
