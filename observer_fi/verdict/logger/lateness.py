@@ -19,6 +19,7 @@ from observer_fi.records import Array, Log
 from observer_fi.settings import BankSettings
 
 BEFORE_S, AFTER_S, STEADY_S = 0.12, 0.25, 0.08  # of the start of a move, and its last part, without a ring
+RISEN = 0.9  # of a speed: a loop creeps up to the rest of it
 FEWEST = 60  # samples in motion there: of a slow logger those of a longer time
 NOTICED_NATS = 40.0  # that a delay must be worth
 LEAST = 0.08  # of a sample
@@ -138,9 +139,10 @@ def first_start(log: Log, risen: bool = False) -> Log | None:
 
 
 def _top(w_cmd: Array, start: int) -> int:
-    """The sample at which a commanded speed that begins at `start` has risen, as far as it does without a pause."""
-    rises = np.append(np.diff(np.abs(w_cmd[start:])) > 0.0, False)
-    return start + int(np.argmin(rises))
+    """The sample at which a commanded speed that begins at `start` has risen, but for the last of what it does without a pause."""
+    speed = np.abs(w_cmd[start:])
+    top = speed[int(np.argmin(np.append(np.diff(speed) > 0.0, False)))]
+    return start + int(np.argmax(speed >= RISEN * top))
 
 
 def _first_stop(log: Log) -> Log | None:
