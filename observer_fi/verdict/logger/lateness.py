@@ -139,7 +139,7 @@ def first_start(log: Log, risen: bool = False) -> Log | None:
 
 
 def _top(w_cmd: Array, start: int) -> int:
-    """The sample at which a commanded speed that begins at `start` has risen, but for the last of what it does without a pause."""
+    """The sample at which a commanded speed that begins at `start` has risen, but for the last of it, without a pause."""
     speed = np.abs(w_cmd[start:])
     top = speed[int(np.argmin(np.append(np.diff(speed) > 0.0, False)))]
     return start + int(np.argmax(speed >= RISEN * top))
