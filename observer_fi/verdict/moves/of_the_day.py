@@ -123,7 +123,7 @@ class FirstStart:
         if day.voltage == 1.0:
             return day
         near = [self._with(day._replace(voltage=day.voltage + by)) for by in (-FINER[-1], 0.0, FINER[-1])]
-        return self._best(day, "voltage", _top([(one.voltage, self.told(one).nats) for one in near]))
+        return self._best(day, "voltage", _vertex([(one.voltage, self.told(one).nats) for one in near]))
 
     def _peak(self, day: Day, name: str, values: Sequence[float]) -> Day:
         """The best of some values of one part of the day, or of the tops of parabolas through that and its neighbours.
@@ -134,7 +134,7 @@ class FirstStart:
         for _ in range(TOPS):
             nats = sorted((v, self.told(one).nats) for v, one in known.items())
             best = max(range(len(nats)), key=lambda k: nats[k][1])
-            for v in _top(nats[max(best - 1, 0) : best + 2]):
+            for v in _vertex(nats[max(best - 1, 0) : best + 2]):
                 known[v] = self._with(day._replace(**{name: v}))
         return max(known.values(), key=lambda one: self.told(one).nats)
 
@@ -157,7 +157,7 @@ class FirstStart:
         return told_by(Bank(day.of(self.rig), settings).advance(cut), cut.z)
 
 
-def _top(points: Sequence[tuple[float, float]]) -> list[float]:
+def _vertex(points: Sequence[tuple[float, float]]) -> list[float]:
     """Where the parabola through three points (value, nats) has its top; none where they have no top between them."""
     if len(points) < 3:
         return []
