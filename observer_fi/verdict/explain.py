@@ -35,7 +35,11 @@ def explanation(isolation: Isolation, rig: Rig, log: Log) -> str:
             "Most moves of this log disagree with the rig file in the same way, which points at the model rather than at a "
             "fault: run `observer-fi improve` on it, and diagnose again with the rig it writes."
         )
-    if doubted:
+    if doubted and isolation.could_show is not None and set(v.alike) <= set(isolation.could_show.blind):
+        words.append(
+            "Have the missing channel read again and repeat the move: this one is no all-clear for it."
+        )
+    elif doubted:
         words.append(
             "Look at the next moves: what is a fault comes again or grows, what a day brings passes."
         )

@@ -19,6 +19,13 @@ def without(column: str, label: str, seed: int) -> Event:
     return isolation.verdict
 
 
+def test_what_to_do_about_it_is_to_read_the_channel_again() -> None:
+    frame, _ = hidden.make_log_with("ideal", hidden.draw_move_case(257004, "nominal"), 257004)
+    frame["position_m"] = frame["position_m"].iloc[0]
+    told = diagnose_log(log_from_frame(frame), load_rig(), Settings()).explanation
+    assert "read again and repeat the move" in told and "next moves" not in told
+
+
 @pytest.mark.parametrize(
     ("label", "seed"),
     [*(("coupling_loss", seed) for seed in (257000, 257001, 257002, 257003)), ("overload", 257000)],
