@@ -102,6 +102,9 @@ class Line(NamedTuple):
     amplitude: float
 
 
+IN_A_BAND = 0.3  # share of such readings
+
+
 class ChannelTraits(NamedTuple):
     """What a logger does to one channel, in its unit. NaN noise where there is no such channel.
 
@@ -133,6 +136,11 @@ class ChannelTraits(NamedTuple):
     hold_s: float | None = None
     moving: float = 1.0
     read: float = 1.0
+
+    @property
+    def in_a_band(self) -> bool:
+        """Whether many readings repeat the one before, without steps or a hold: a new one comes where it left a dead band."""
+        return not self.resolution and not self.update_hz and self.repeats > IN_A_BAND
 
 
 class Clock(NamedTuple):

@@ -16,7 +16,6 @@ from observer_fi.verdict.drift import SURE, mostly, or_else
 from observer_fi.verdict.logger.left_out import shared
 
 ALL_READ = 0.9  # share of the rows with a reading, from which neighbours are readings in a row
-IN_A_BAND = 0.3  # share of readings that repeat the one before, without steps: a new one comes where it left a dead band
 _LOUDER = (
     "the noise of {} grows {} times at {}, while the motor runs steadily: another range, or a failing sensor"
 )
@@ -66,8 +65,7 @@ def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]
 
 def _shows_noise(traits: ChannelTraits) -> bool:
     held = traits.hold_s is not None and traits.update_hz is None
-    in_a_band = not traits.resolution and not traits.update_hz and traits.repeats > IN_A_BAND
-    return not held and not in_a_band and traits.read > ALL_READ
+    return not held and not traits.in_a_band and traits.read > ALL_READ
 
 
 def _failed(event: Event, name: str, change: NoiseChange) -> Event:

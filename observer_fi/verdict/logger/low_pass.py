@@ -106,9 +106,8 @@ def _colours(filters: LowPasses, acquisition: Acquisition) -> bool:
 
 def _groups(acquisition: Acquisition, interval: float, explained: bool) -> list[tuple[int, ...]]:
     """Channels that may have a filter: of a start that is explained without only those whose noise has come through one, too."""
-    single = {
-        c for c, traits in enumerate(acquisition[:3]) if traits.averaged == 1
-    }  # a mean is known for what it is
+    # a mean is known for what it is, and behind a filter no reading repeats itself
+    single = {c for c, traits in enumerate(acquisition[:3]) if traits.averaged == 1 and not traits.in_a_band}
     slow = {c for c, traits in enumerate(acquisition[:3]) if (traits.correlation_s or 0.0) > SLOW * interval}
     among = single & slow if explained else single
     return [channels for channels in CHANNELS if set(channels) <= among]

@@ -96,7 +96,7 @@ class FirstStart:
         while len(parts) < len(self.free) and self.told(best).misfit >= LOOKED_AT:
             left = [name for name in self.free if name not in parts]
             name, more = max(
-                ((name, self._peak(best, name, COARSE[name])) for name in left),
+                ((name, self._coarsely(best, name)) for name in left),
                 key=lambda tried: self.told(tried[1]).nats,
             )
             if self.told(more).nats < self.told(best).nats + MORE_NATS:
@@ -125,18 +125,22 @@ class FirstStart:
         near = [self._with(day._replace(voltage=day.voltage + by)) for by in (-FINER[-1], 0.0, FINER[-1])]
         return self._best(day, "voltage", _vertex([(one.voltage, self.told(one).nats) for one in near]))
 
-    def _peak(self, day: Day, name: str, values: Sequence[float]) -> Day:
-        """The best of some values of one part of the day, or of the tops of parabolas through that and its neighbours.
+    def _coarsely(self, day: Day, name: str) -> Day:
+        """The best day of those that differ in one part.
 
-        A gain is told more finely than these values lie apart: the right one may be between two that explain nothing.
+        The gain of a voltage is told more finely than they lie apart, so that the right one may be between two that explain
+        nothing: it is at the top of the parabola through the best of them and its neighbours.
         """
-        known = {getattr(day, name): day} | {v: self._with(day._replace(**{name: v})) for v in values}
+        best = self._best(day, name, COARSE[name])
+        if name != "voltage":
+            return best
+        values = sorted({*COARSE[name], day.voltage})
         for _ in range(TOPS):
-            nats = sorted((v, self.told(one).nats) for v, one in known.items())
-            best = max(range(len(nats)), key=lambda k: nats[k][1])
-            for v in _vertex(nats[max(best - 1, 0) : best + 2]):
-                known[v] = self._with(day._replace(**{name: v}))
-        return max(known.values(), key=lambda one: self.told(one).nats)
+            k = values.index(best.voltage)
+            near = [self._with(day._replace(voltage=v)) for v in values[max(k - 1, 0) : k + 2]]
+            top = _vertex([(one.voltage, self.told(one).nats) for one in near])
+            best, values = self._best(best, name, top), sorted({*values, *top})
+        return best
 
     def _best(self, day: Day, name: str, values: Sequence[float]) -> Day:
         """The best of some values of one part of the day."""
