@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba.core import compiler
+from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
@@ -72,12 +73,17 @@ class InlinedFunction(CPUDispatcher):
     ) -> None:
         super().__init__(function, targetoptions=options, pipeline_class=_LoweringCompiler)
         self.compiled = compiled
-        self.alone: Callable[..., Any] | None = None
+        self.alone: dict[bool, Any] = {}  # by whether it is kept on disk
 
     def __call__(self, *args: Any) -> Any:
-        if self.alone is None:
-            self.alone = self.compiled(self.py_func)
-        return self.alone(*args)
+        # What is made for another function is not kept: the file would name an object of this process, and the next process
+        # that adds to that file could not write it again.
+        kept = not any(isinstance(arg, CPUDispatcher) for arg in args)
+        if kept not in self.alone:
+            self.alone[kept] = self.compiled(self.py_func)
+            if not kept:
+                self.alone[kept]._cache = NullCache()
+        return self.alone[kept](*args)
 
     def add_overload(self, result: Any) -> None:
         """Remember a lowered form; there is none that Python could call."""
