@@ -52,10 +52,10 @@ def improve_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _learning_logs(args: argparse.Namespace, rig: "Rig") -> "list[Log]":
     """All logs of one rig; unlike in diagnose, one that cannot be read ends the command: the result would not be of them all."""
-    from observer_fi.logs import load_columns, read_log, with_command
+    from observer_fi.logs import load_columns, read_log, thinned, with_command
 
     columns = load_columns(args.columns) if args.columns else None
-    logs = [read_log(path, columns) for path in dict.fromkeys(args.logs)]
+    logs = [thinned(read_log(path, columns), rig) for path in dict.fromkeys(args.logs)]
     return [with_command(log, rig) for log in logs] if rig.driven.motor else logs
 
 

@@ -22,6 +22,7 @@ from observer_fi.logs import (
     Excitation,
     filtered_logger,
     on_its_clock,
+    thinned,
     unfiltered,
     with_command,
     with_logger,
@@ -111,6 +112,7 @@ def improve(
     moves, settings: of moves that are simulated. keep_unexplained: what no cause explains becomes an empirical curve of the
     extended rig, where it can. Raises UsageError for a rig whose drive these logs do not show.
     """
+    logs = logs if moves else [thinned(log, rig) for log in logs]
     if not rig.driven.motor:
         if keep_unexplained:
             raise UsageError(

@@ -41,6 +41,7 @@ from observer_fi.logs import (
     mean_square_by_phase,
     moves_from_rest,
     on_its_clock,
+    thinned,
     unfiltered,
     with_command,
     without_inductance,
@@ -134,6 +135,7 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
     """
+    logs = [thinned(log, rig) for log in logs]
     if not rig.driven.motor:
         from observer_fi.learn.inverse_dynamics import identify_force
 

@@ -76,6 +76,7 @@ from observer_fi.logs.moves import (
 )
 from observer_fi.logs.plain_lines import numbers
 from observer_fi.logs.position_speed import position_speed
+from observer_fi.logs.thinned import Thinner, thinned
 from observer_fi.logs.units import suspect_units
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ __all__ = [
     "without_means",
     "LowPasses",
     "Unfiltered",
+    "Thinner",
     "acquisition_of",
     "filtered_logger",
     "timing_doubt",
@@ -171,6 +173,7 @@ __all__ = [
     "settling_time",
     "suspect_units",
     "turns_round",
+    "thinned",
     "with_command",
     "with_logger",
     "without_lines",

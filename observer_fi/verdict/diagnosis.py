@@ -18,6 +18,7 @@ from observer_fi.logs import (
     ColumnMap,
     LogFile,
     Progress,
+    Thinner,
     log_name,
     log_segments,
     open_log,
@@ -136,24 +137,27 @@ def diagnose(
         Diagnosis, settings=settings, engine=engine, filter_kind=filter_kind, detected_at=detected_at
     )
     run, file, recovered = begun(rig), open_log(path, columns), None
-    begin = cache(lambda: next(open_log(path, columns).chunks()))
+    thinner = Thinner(next(open_log(path, columns).chunks()), rig)
+    as_it_is = cache(lambda: read_log(path, columns))
+    begin = cache(lambda: next(thinner.chunks(open_log(path, columns))))
     if rig.law is None and (rig.driven.command or not file.has_command or is_not_followed(begin(), rig)):
-        recovered, watched = with_its_servo(read_log(path, columns), rig)
+        recovered, watched = with_its_servo(thinner.of(as_it_is()), rig)
         run, rig = (run if watched is rig else begun(watched)), watched
     if recovered is not None:
         recovered = at_ticks(recovered, rig)
     elif not rig.watched.servo and is_held(begin(), rig):
-        recovered = at_ticks(read_log(path, columns), rig)
+        recovered = at_ticks(thinner.of(as_it_is()), rig)
     filed, rig = rig, with_its_pitch(begin() if recovered is None else recovered, rig, settings.bank)
     run = run if rig is filed else begun(rig)
-    run.add_all(_chunks(file, progress) if recovered is None else _pieces(recovered, progress))
+    run.add_all(_chunks(file, thinner, progress) if recovered is None else _pieces(recovered, progress))
     whole = file.summary if recovered is None else recovered
+    notes = whole.notes + thinner.told() if recovered is None else whole.notes
     facts: dict[str, Any] = {
         "sha256": file.sha256, "metadata": file.metadata, "gaps": whole.gaps, "rejected": whole.rejected,
-        "rejected_count": whole.rejected_count, "notes": told_pitch(_notes(whole.notes, rig), rig, filed),
+        "rejected_count": whole.rejected_count, "notes": told_pitch(_notes(notes, rig), rig, filed),
     }  # fmt: skip
     outcome = run.outcome(log_name(path), facts)
-    read = cache(lambda: read_log(path, columns) if recovered is None else recovered)
+    read = cache(lambda: thinner.of(as_it_is()) if recovered is None else recovered)
     begin = begin if recovered is None else read
     outcome = or_a_changed_noise(or_another(outcome, begin, rig, settings), begin, rig)
     for other in _taken_otherwise(outcome, read, begin, rig, settings):
@@ -163,8 +167,10 @@ def diagnose(
         told = again.outcome(log_name(path), {**facts, "notes": notes})
         found = other.choose(outcome, told)
         if found is not outcome:
-            return _last_doubts(found, begin, rig, filed)
-    return _last_doubts(outcome, begin, rig, filed)
+            outcome = found
+            break
+    samples = file.summary.samples if recovered is None else as_it_is().t.size
+    return thinner.restored(_last_doubts(outcome, begin, rig, filed), samples)
 
 
 def _last_doubts(outcome: Outcome, begin: Callable[[], Log], rig: Rig, filed: Rig) -> Outcome:
@@ -215,8 +221,8 @@ def _taken_otherwise(
             yield _Otherwise(without(read(), alone[0]), rig, choose)
 
 
-def _chunks(file: LogFile, progress: Progress) -> Iterator[Log]:
-    for log in file.chunks():
+def _chunks(file: LogFile, thinner: Thinner, progress: Progress) -> Iterator[Log]:
+    for log in thinner.chunks(file):
         yield log
         progress(file.share_read)
 
@@ -238,6 +244,14 @@ def judged(
     log: Log, rig: Rig, settings: Settings, engine: str = "compiled", filter_kind: str = "ekf"
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
+    thinner = Thinner(log, rig)
+    outcome, estimate = _judged_otherwise(thinner.of(log), rig, settings, engine, filter_kind)
+    return thinner.restored(outcome, log.t.size), estimate
+
+
+def _judged_otherwise(
+    log: Log, rig: Rig, settings: Settings, engine: str, filter_kind: str
+) -> tuple[Outcome, Estimate]:
     given, rig = with_its_servo(log, rig)
     given, filed = at_ticks(given, rig), rig
     rig = with_its_pitch(given, rig, settings.bank)

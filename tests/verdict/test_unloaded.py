@@ -169,6 +169,17 @@ def test_a_mass_that_goes_on_without_a_voltage_has_a_dead_voltage_sensor(
     assert or_dead_voltage(event("nominal", None), memory, RIG).label == "nominal"
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_mass_that_stands_goes_nowhere_while_its_motor_stops(seed: int) -> None:
+    """The noise of a position that stood was as fast before the voltage ended as behind it: a lost coupling was a dead sensor."""
+    memory = bank(1.0, 1600.0)
+    t = memory.recent.t
+    memory.recent.z[:, 0] = 9.0 * (t < 3.0)
+    memory.recent.z[:, 2] = 10e-6 * np.random.default_rng(seed).standard_normal(t.size)
+    told = or_dead_voltage(event("coupling_loss", None), memory, RIG)
+    assert told.label == "coupling_loss"
+
+
 @pytest.mark.parametrize(
     ("stands", "change", "alike"), [(True, 4.0, True), (True, 0.5, False), (False, 4.0, False)]
 )

@@ -23,6 +23,7 @@ from observer_fi.logs import (
     log_from_frame,
     log_name,
     read_log,
+    thinned,
     with_command,
 )
 from observer_fi.physics import Rig, Scenario, Truth, load_rig, synthesise
@@ -72,14 +73,14 @@ def identify(
 ) -> Identification:
     """Parameters of a rig from its logs, with intervals."""
     machine = _rig(rig)
-    material = _logs(logs, machine, columns)
+    material = [thinned(log, machine) for log in _logs(logs, machine, columns)]
     return Identification(learn.identify(material, machine), machine, tuple(material))
 
 
 def improve(logs: AnyLog | Sequence[AnyLog], rig: AnyRig = None, columns: AnyColumns = None) -> Improved:
     """What the simulation of a rig gets wrong on these logs, by name."""
     given = _rig(rig)
-    material = _logs(logs, given, columns)
+    material = [thinned(log, given) for log in _logs(logs, given, columns)]
     record = improved(material, given)
     return Improved(record, record.rig, tuple(material))
 

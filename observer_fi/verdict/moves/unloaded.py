@@ -157,9 +157,18 @@ def lost_reading(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[floa
     before = slope_of(t[earlier], x[earlier])
     coast = 0.0 if before is None else abs(before) / rig.model["D"] * rig.model["J"] / rig.model["A"]
     later = t > t[first] + coast
-    after = slope_of(t[later], x[later])
-    goes_on = before is not None and after is not None and after / before > GOES_ON
+    after, moves = slope_of(t[later], x[later]), MOVES * rig.noise_std[2]
+    if before is None or after is None or not after / before > GOES_ON:
+        return None
+    goes_on = (
+        min(_moved(before, t[earlier]), _moved(after, t[later])) > moves
+    )  # what stands has no speed to keep
     return (float(t[first - 1]), float(t[first])) if goes_on else None
+
+
+def _moved(speed: float, t: Array) -> float:
+    """The way at a speed [m/s] over some times [m]."""
+    return abs(speed) * float(np.ptp(t))
 
 
 def or_dead_voltage(event: Event, bank: Bank, rig: Rig) -> Event:
