@@ -116,7 +116,7 @@ class ChannelTraits(NamedTuple):
     the last rest is more than that of the first; travel: largest less smallest reading of the log; low_pass_hz: corner of a
     filter before the readings that was taken out of them, None where there is none; hold_s: how long a reading stands at
     most that is held unevenly [s], None of others; moving: by what its noise is more in motion than at rest;
-    read: share of the rows that have a reading.
+    read: share of the rows that have a reading; share: of the reading, by which its noise grows with it.
     """
 
     noise_std: float
@@ -136,6 +136,7 @@ class ChannelTraits(NamedTuple):
     hold_s: float | None = None
     moving: float = 1.0
     read: float = 1.0
+    share: float = 0.0
 
     @property
     def in_a_band(self) -> bool:

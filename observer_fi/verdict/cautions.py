@@ -151,7 +151,12 @@ def _of_noise(part: Part) -> Iterator[str]:
             f"the noise of {part.column} grows {digits(traits.grown, 2)} times from the first rest to the last: taken for "
             "another range, and the larger one for the noise of the whole log; keep one range"
         )
-    if traits.moving > 1.0:
+    if traits.share:
+        yield (
+            f"the noise of {part.column} grows with its reading, by {digits(100.0 * traits.share, 2)} % of it: what it is near "
+            "the largest is taken for the whole log; look for what is switched, or for a gain that is not steady"
+        )
+    elif traits.moving > 1.0:
         yield (
             f"the noise of {part.column} is {digits(traits.moving, 2)} times larger in motion than at rest, as that of brushes "
             "or of a converter is: the larger one is taken for the whole log; shield the sensor or filter all channels alike"

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
-from hidden import draw_move_case, make_log
+from hidden import draw_move_case, draw_severity_case, make_log
 
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig
@@ -78,3 +78,36 @@ def test_verdicts_depend_on_the_actuator(logger: Callable[[pd.DataFrame], pd.Dat
     """Of six moves none is confidently wrong, and at least five are right."""
     labels = ("nominal", "overload", "coupling_loss")
     assert sum(right(logger, labels[k % 3], 83_010 + k) for k in range(6)) >= 5
+
+
+def of_the_reading(frame: pd.DataFrame, share: float, seed: int) -> pd.DataFrame:
+    """Noise of so much of the voltage and of the current, as of a gain that is not steady."""
+    rng = np.random.default_rng([seed, 5])
+    for column in ("voltage_v", "current_a"):
+        frame[column] += share * frame[column].abs() * rng.standard_normal(len(frame))
+    return frame
+
+
+def said_of_the_reading(kind: str, shape: str, share: float, seed: int) -> tuple[bool, float]:
+    """Whether a verdict is right, or shared with what is, and its probability."""
+    frame, _ = make_log(draw_severity_case(seed, kind, shape), seed)
+    found = diagnose_log(log_from_frame(of_the_reading(frame, share, seed)), load_rig(), Settings()).isolation
+    assert found is not None
+    return kind in (found.verdict.label, *found.verdict.alike), found.verdict.probability
+
+
+@pytest.mark.parametrize("shape", ["", "s_curve", "staircase", "without_rests"])
+def test_noise_that_grows_with_the_reading_is_no_fault(shape: str) -> None:
+    """Of fifty moves with 1 % a quarter were wrong for sure: a failed sensor, or no fault with a name."""
+    assert said_of_the_reading("nominal", shape, 0.01, 83_101)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.003, 0.01, 0.03])
+@pytest.mark.first(1)
+def test_a_fault_shows_through_noise_that_grows_with_the_reading(share: float) -> None:
+    cases = [
+        (kind, shape) for kind in ("overload", "coupling_loss", "jam") for shape in ("", "soft_ramps", "sine")
+    ]
+    found = [said_of_the_reading(*case, share, 83_110 + k) for k, case in enumerate(cases)]
+    assert sum(right for right, _ in found) >= len(cases) - 2

@@ -16,6 +16,7 @@ from observer_fi.logs.logger.clock import clock_of, even
 from observer_fi.logs.logger.holds import hold_of
 from observer_fi.logs.logger.in_motion import more_in_motion, quiet_begin
 from observer_fi.logs.logger.lines import lines_of
+from observer_fi.logs.logger.proportional import grows_with_reading
 from observer_fi.logs.logger.steps import step_of
 from observer_fi.numerics import autocorrelation, resolution_of, runs
 from observer_fi.physics import Rig
@@ -240,7 +241,11 @@ def _noise_of(
         return _in_motion(z[there], step, usual)
     traits, grown = _at_rest(_alike(pieces), step, usual, every * interval), _grown(pieces, step)
     moving = 1.0 if held else more_in_motion(t, z, w_cmd, rests[0], max(usual, step or 0.0))
-    return traits._replace(as_white=max(grown, moving) * traits.as_white, grown=grown, moving=moving)
+    share, largest = (0.0, 1.0) if held or step else grows_with_reading(z, traits.noise_std)
+    most = max(grown, moving, largest)
+    return traits._replace(
+        as_white=most * traits.as_white, grown=grown, moving=max(moving, largest), share=share
+    )
 
 
 def _level(z: Array) -> float:

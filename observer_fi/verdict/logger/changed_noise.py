@@ -65,7 +65,7 @@ def _changes(log: Log, logger: Acquisition) -> Iterator[tuple[str, NoiseChange]]
 
 def _shows_noise(traits: ChannelTraits) -> bool:
     held = traits.hold_s is not None and traits.update_hz is None
-    return not held and not traits.in_a_band and traits.read > ALL_READ
+    return not held and not traits.in_a_band and not traits.share and traits.read > ALL_READ
 
 
 def _failed(event: Event, name: str, change: NoiseChange) -> Event:
