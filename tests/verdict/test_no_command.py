@@ -111,3 +111,17 @@ def test_a_move_without_its_command_is_told_through_one_more_trait(
     log = log_from_frame(hidden.make_log_with(f"no_command+{trait}", spec, seed)[0])
     verdict = diagnose_log(log, load_rig(), Settings()).isolation.verdict
     assert label in (verdict.label, *verdict.alike)
+
+
+# A recovered corner is off by up to a sample: its ring was an obstacle for sure, which came and went within 0.1 s (three of 16).
+STAIRS = (99_812_060, 99_812_110, 99_811_006, 99_821_000, 99_821_001, 99_821_002)
+
+
+@pytest.mark.parametrize("seed", STAIRS)
+@pytest.mark.first(2)
+def test_the_ring_of_a_recovered_corner_is_no_obstacle_for_sure(seed: int) -> None:
+    spec = hidden.draw_severity_case(seed, "nominal", "staircase")
+    log = log_from_frame(hidden.make_log_with("no_command", spec, seed)[0])
+    verdict = diagnose_log(log, load_rig(), Settings()).isolation.verdict
+    assert "nominal" in (verdict.label, *verdict.alike)
+    assert verdict.label == "nominal" or verdict.probability <= 0.5

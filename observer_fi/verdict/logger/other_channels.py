@@ -5,11 +5,13 @@ What takes or adds a load shows in voltage and current too, a sensor that fails 
 
 from collections.abc import Callable
 
+import numpy as np
+
 from observer_fi.logs import is_recovered
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig
 from observer_fi.records import CHANNELS, Event, Log, Outcome
 from observer_fi.settings import Settings
-from observer_fi.verdict.drift import SURE, or_as_well
+from observer_fi.verdict.drift import SURE, or_as_well, or_healthy
 from observer_fi.verdict.logger.as_followed import NO_FAULT_OF_IT
 from observer_fi.verdict.logger.left_out import ELECTRICAL, ONE_OF_TWO, end_of_move, healthy_without, shared
 
@@ -23,6 +25,11 @@ OF_THE_COMMAND = (
 )
 OR_THE_OTHER = "{0} and {1} contradict each other, and either may be wrong: the log is healthy without {1}, and not without {0}"
 AS_WELL = "the other channels are not those of a healthy move, and show {}: its sensor may be right, or both have failed"
+OF_ITS_RING = (
+    "it is over within the ring of a change of the command, which was recovered from voltage and current: where its corner is "
+    "off by little, health looks so too"
+)
+RING_S = 0.15  # that a change of speed is followed by
 LOUD = 2.0  # times the noise of the rig file: a position that no longer shows how an obstacle is met
 
 
@@ -61,6 +68,8 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
     verdict = outcome.isolation.verdict if outcome.isolation is not None else None
     if verdict is None or verdict.probability <= SURE:
         return outcome
+    if _rings(verdict, begin, outcome):
+        return shared(outcome, verdict, lambda event: or_healthy(event, OF_ITS_RING), rig)
     if verdict.label in ("coupling_loss", "overload", "slip"):
         return _or_the_position(outcome, verdict, begin, rig, settings)
     if verdict.label == "sensor_fault" and verdict.channel in ELECTRICAL:
@@ -69,6 +78,20 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
     if nameless and outcome.log is not None and is_recovered(outcome.log):
         return shared(outcome, verdict, lambda event: or_as_well(event, "sensor_fault", OF_THE_COMMAND), rig)
     return outcome
+
+
+def _rings(verdict: Event, begin: Callable[[], Log], outcome: Outcome) -> bool:
+    """Whether a fault is over within the ring that follows a change of the command, which was recovered: off by as little as its
+    corner is, it leaves a misfit there.
+    """
+    onset, over = verdict.onset_s, verdict.over_s
+    if outcome.log is None or not is_recovered(outcome.log) or verdict.label == NOMINAL:
+        return False
+    if onset is None or over is None or over - onset > RING_S:
+        return False
+    log = begin()
+    near = log.w_cmd[(log.t >= onset - RING_S) & (log.t <= over)]
+    return bool(near.size) and float(np.ptp(near)) > 0.0
 
 
 def _or_the_position(
