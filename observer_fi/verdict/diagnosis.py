@@ -245,13 +245,14 @@ def judged(
 ) -> tuple[Outcome, Estimate]:
     """The verdict on a log in memory, and the bank's estimate that it rests on; a command that it lacks is recovered."""
     thinner = Thinner(log, rig)
-    outcome, estimate = _judged_otherwise(thinner.of(log), rig, settings, engine, filter_kind)
+    outcome, estimate = _judged_thinned(thinner.of(log), rig, settings, engine, filter_kind)
     return thinner.restored(outcome, log.t.size), estimate
 
 
-def _judged_otherwise(
+def _judged_thinned(
     log: Log, rig: Rig, settings: Settings, engine: str, filter_kind: str
 ) -> tuple[Outcome, Estimate]:
+    """As `judged`, of a log with no more rows than are needed."""
     given, rig = with_its_servo(log, rig)
     given, filed = at_ticks(given, rig), rig
     rig = with_its_pitch(given, rig, settings.bank)
