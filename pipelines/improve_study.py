@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
 import hidden
@@ -26,13 +27,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--controls", type=int, default=40, help="seeds without any effect")
     parser.add_argument("--pairs", type=int, default=2, help="seeds for each pair of effects")
     parser.add_argument("--causes", default="", help="only these causes, separated by commas")
+    parser.add_argument("--rate", type=float, default=0.0, help="of the logger [Hz], 0: that of the truth")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--results", type=Path, default=REPORTS / "improve_study.jsonl")
     parser.add_argument("--out", type=Path, default=REPORTS / "improve.md")
     options = parser.parse_args(arguments)
     options.results.parent.mkdir(parents=True, exist_ok=True)
     done = {case_of(row) for row in _rows(options.results)}
-    todo = [case for case in _cases(options) if case not in done]
+    cases = [replace(case, rate_hz=options.rate) for case in _cases(options)]
+    todo = [case for case in cases if case not in done]
     with ProcessPoolExecutor(options.workers) as pool, options.results.open("a") as file:
         running = [pool.submit(run_case, case) for case in todo]
         for k, future in enumerate(as_completed(running)):

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import hidden
@@ -32,22 +32,27 @@ HANDED = "the one handed over"
 
 @dataclass(frozen=True)
 class Case:
-    """What is hidden: causes, size in units of the detectable one, seed, and whether the vocabulary has them."""
+    """What is hidden: causes, size in units of the detectable one, seed, and whether the vocabulary has them.
+
+    rate_hz: of the logger, 0 for the one that the truth has.
+    """
 
     causes: tuple[str, ...]
     size: float
     seed: int
     inside: bool
+    rate_hz: float = 0.0
 
 
 def case_of(row: dict[str, Any]) -> Case:
     """The case that a row is about."""
-    return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"])
+    return Case(tuple(row["causes"]), row["size"], row["seed"], row["inside"], row.get("rate_hz", 0.0))
 
 
 def run_case(case: Case) -> dict[str, Any]:
     """One row: what was found, in order, whether it is right, and how far the size is off in standard errors."""
     spec = hidden.draw_effects_case(case.seed, case.causes, case.size)
+    spec = replace(spec, logger=replace(spec.logger, rate_hz=case.rate_hz or spec.logger.rate_hz))
     frame, truth = hidden.make_log(spec, case.seed)
     log = log_from_frame(frame)
     began = time.process_time()
@@ -61,6 +66,7 @@ def run_case(case: Case) -> dict[str, Any]:
         "size": case.size,
         "seed": case.seed,
         "inside": case.inside,
+        "rate_hz": case.rate_hz,
         "found": sets,
         "unexplained": smooth,
         "seconds": seconds,

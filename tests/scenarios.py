@@ -316,6 +316,12 @@ SCENARIOS: tuple[Scenario, ...] = (
         error="holds numbers, not column names",
     ),
     Scenario(
+        "one sample", _spoilt(lambda rows: rows.__delitem__(slice(1, None))), error="1 samples are too few"
+    ),
+    Scenario(
+        "three samples", _spoilt(lambda rows: rows.__delitem__(slice(3, None))), error="3 samples are too few"
+    ),
+    Scenario(
         "nine samples", _spoilt(lambda rows: rows.__delitem__(slice(9, None))), error="9 samples are too few"
     ),
     Scenario(

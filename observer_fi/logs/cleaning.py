@@ -104,8 +104,12 @@ def cleaned(blocks: Iterable[Block], tally: Tally) -> Iterator[Log]:
     Rows with no value at all are left out, listed. A row without a time of its own (none, or that of
     the row before) is placed evenly between its neighbours with its channels masked.
     """
+    first: list[Log] = []  # none of a file that has too few for any judgement
     for block in _with_a_clock(_ending_on_a_time(blocks, tally), tally):
-        yield _log(block, tally)
+        first.append(_log(block, tally))
+        if tally.samples >= FEWEST_SAMPLES:
+            yield from first
+            first.clear()
     _check_whole(tally)
 
 

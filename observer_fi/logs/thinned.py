@@ -57,8 +57,8 @@ class Thinner:
         """What is said of it beside a verdict."""
         if self.rows == 1:
             return ()
-        means = " and ".join(COLUMNS[CHANNELS[c]] for c in self.means)
-        of = f"the mean of {means}, the middle one of the others" if means else "the middle one"
+        means = ", ".join(COLUMNS[CHANNELS[c]] for c in self.means)
+        of = f"means of {means}; of other columns the middle one" if means else "the middle one"
         return (f"{self.rate_hz:.0f} samples a second: {self.rows} rows are judged as one ({of})",)
 
     def restored(self, outcome: Outcome, samples: int) -> Outcome:

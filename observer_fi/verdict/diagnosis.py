@@ -137,9 +137,10 @@ def diagnose(
         Diagnosis, settings=settings, engine=engine, filter_kind=filter_kind, detected_at=detected_at
     )
     run, file, recovered = begun(rig), open_log(path, columns), None
-    thinner = Thinner(next(open_log(path, columns).chunks()), rig)
+    first = next(open_log(path, columns).chunks())
+    thinner = Thinner(first, rig)
     as_it_is = cache(lambda: read_log(path, columns))
-    begin = cache(lambda: next(thinner.chunks(open_log(path, columns))))
+    begin = cache(lambda: next(thinner.chunks(open_log(path, columns))) if thinner.rows > 1 else first)
     if rig.law is None and (rig.driven.command or not file.has_command or is_not_followed(begin(), rig)):
         recovered, watched = with_its_servo(thinner.of(as_it_is()), rig)
         run, rig = (run if watched is rig else begun(watched)), watched

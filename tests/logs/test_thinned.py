@@ -120,7 +120,7 @@ def test_it_is_said_what_was_done() -> None:
     log = with_channel(log, 2, np.round(log.z[:, 2] / 1e-4) * 1e-4)
     (note,) = thinned(log, RIG).notes
     assert note == (
-        "9600 samples a second: 5 rows are judged as one (the mean of voltage_v and current_a, the middle one of the others)"
+        "9600 samples a second: 5 rows are judged as one (means of voltage_v, current_a; of other columns the middle one)"
     )
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from observer_fi.logs.logger.lines import lines_of
 from observer_fi.records import Array
 
-SHORT = 24  # readings from which noise is told
+SHORT = 24  # fourth differences from which noise is told
+OUTLIER = 5.9  # times their median, which those of white noise do not reach: a corner of the motion
 MORE = 1.5  # times the noise at rest, that is more in motion
 # Of a start: its ramp at most, what follows until it is steady, how long is looked at, and samples of each half of that.
 RAMP_S, RING_S, STEADY_S, FEWEST_STEADY = 0.25, 0.15, 0.3, 40
@@ -124,8 +125,15 @@ def _of_lines(halves: Sequence[tuple[Array, Array]]) -> float:
 
 def fourth_differences(z: Array) -> float:
     """Standard deviation of white noise from fourth differences, without outliers; NaN where there are too few."""
-    fourth = np.abs(np.diff(z[np.isfinite(z)], 4))
-    if fourth.size < SHORT:
-        return math.nan
-    usual = fourth[fourth <= 5.9 * np.median(fourth)]
-    return math.sqrt(float(np.mean(usual**2)) / 70.0)
+    there = z[np.isfinite(z)]
+    return math.nan if there.size < SHORT + 4 else math.sqrt(float(of_stretches(there[None])[0]))
+
+
+def of_stretches(z: Array) -> Array:
+    """Variances of white noise (k,) from the fourth differences of k stretches of readings, z (k, n), without outliers.
+
+    What moves leaves nothing of fourth differences, and those of white noise have 1 + 16 + 36 + 16 + 1 times its variance.
+    """
+    fourth = np.abs(np.diff(z, 4, axis=1))
+    usual = fourth <= OUTLIER * np.median(fourth, axis=1, keepdims=True)
+    return np.sum(np.where(usual, fourth, 0.0) ** 2, axis=1) / (70.0 * usual.sum(axis=1))

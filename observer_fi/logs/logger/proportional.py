@@ -7,13 +7,11 @@ import math
 
 import numpy as np
 
+from observer_fi.logs.logger.in_motion import of_stretches
 from observer_fi.records import Array
 
 STRETCH = 32  # readings whose noise is told together
 FEWEST = 12  # such stretches
-OUTLIER = (
-    5.9  # times the median of fourth differences, which white noise does not reach: a corner of the motion
-)
 # Standard deviation of the logarithm of a stretch's variance by chance, and by how much more a fit may be off.
 BY_CHANCE, WELL = 0.45, 1.6
 TOO_LOW = 0.1  # mean of that logarithm below that of the variance itself
@@ -71,15 +69,8 @@ def _bounded(off: Array) -> Array:
 
 
 def _stretches(z: Array) -> tuple[Array, Array]:
-    """Root mean square of the readings of each stretch, and the variance of its noise; what moves leaves nothing of fourth
-    differences."""
+    """Root mean square of the readings of each stretch of z (n,), and the variance of its noise."""
     there = z[np.isfinite(z)]
-    count = there.size // STRETCH
-    if not count:
-        return np.zeros(0), np.zeros(0)
-    parts = there[: count * STRETCH].reshape(count, STRETCH)
-    fourth = np.abs(np.diff(parts, 4, axis=1))
-    usual = fourth <= OUTLIER * np.median(fourth, axis=1, keepdims=True)
-    variance = np.sum(np.where(usual, fourth, 0.0) ** 2, axis=1) / (70.0 * np.maximum(usual.sum(axis=1), 1))
-    level = np.sqrt(np.mean(parts**2, axis=1))
-    return level[variance > 0.0], variance[variance > 0.0]
+    parts = there[: there.size // STRETCH * STRETCH].reshape(-1, STRETCH)
+    variance = of_stretches(parts)
+    return np.sqrt(np.mean(parts**2, axis=1))[variance > 0.0], variance[variance > 0.0]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from observer_fi.logs import is_recovered
+from observer_fi.logs import is_recovered, quarter_of_a_ring
 from observer_fi.physics import COLUMNS, FAULTS, NOMINAL, UNKNOWN, Rig
 from observer_fi.records import CHANNELS, Event, Log, Outcome
 from observer_fi.settings import Settings
@@ -29,7 +29,7 @@ OF_ITS_RING = (
     "it is over within the ring of a change of the command, which was recovered from voltage and current: where its corner is "
     "off by little, health looks so too"
 )
-RING_S = 0.15  # that a change of speed is followed by
+RINGS = 3.5  # of a servo that a change of speed is followed by
 LOUD = 2.0  # times the noise of the rig file: a position that no longer shows how an obstacle is met
 
 
@@ -68,7 +68,7 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
     verdict = outcome.isolation.verdict if outcome.isolation is not None else None
     if verdict is None or verdict.probability <= SURE:
         return outcome
-    if _rings(verdict, begin, outcome):
+    if _rings(verdict, begin, outcome, rig):
         return shared(outcome, verdict, lambda event: or_healthy(event, OF_ITS_RING), rig)
     if verdict.label in ("coupling_loss", "overload", "slip"):
         return _or_the_position(outcome, verdict, begin, rig, settings)
@@ -80,17 +80,18 @@ def or_another(outcome: Outcome, begin: Callable[[], Log], rig: Rig, settings: S
     return outcome
 
 
-def _rings(verdict: Event, begin: Callable[[], Log], outcome: Outcome) -> bool:
+def _rings(verdict: Event, begin: Callable[[], Log], outcome: Outcome, rig: Rig) -> bool:
     """Whether a fault is over within the ring that follows a change of the command, which was recovered: off by as little as its
     corner is, it leaves a misfit there.
     """
     onset, over = verdict.onset_s, verdict.over_s
     if outcome.log is None or not is_recovered(outcome.log) or verdict.label == NOMINAL:
         return False
-    if onset is None or over is None or over - onset > RING_S:
+    ring_s = RINGS * 4.0 * quarter_of_a_ring(rig.model)
+    if onset is None or over is None or over - onset > ring_s:
         return False
     log = begin()
-    near = log.w_cmd[(log.t >= onset - RING_S) & (log.t <= over)]
+    near = log.w_cmd[(log.t >= onset - ring_s) & (log.t <= over)]
     return bool(near.size) and float(np.ptp(near)) > 0.0
 
 

@@ -160,9 +160,8 @@ def lost_reading(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[floa
     after, moves = slope_of(t[later], x[later]), MOVES * rig.noise_std[2]
     if before is None or after is None or not after / before > GOES_ON:
         return None
-    goes_on = (
-        min(_moved(before, t[earlier]), _moved(after, t[later])) > moves
-    )  # what stands has no speed to keep
+    # what stands has no speed to keep
+    goes_on = min(_moved(before, t[earlier]), _moved(after, t[later])) > moves
     return (float(t[first - 1]), float(t[first])) if goes_on else None
 
 
