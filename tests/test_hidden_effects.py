@@ -9,8 +9,8 @@ from observer_fi.improve import improve
 from observer_fi.improve.improvement import findings_of
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.moves.simulated_moves import simulated_moves
-from observer_fi.learn import campaign_filters, with_servo
-from observer_fi.logs import log_from_frame, unfiltered
+from observer_fi.learn import campaign_readings, with_servo
+from observer_fi.logs import log_from_frame
 from observer_fi.physics import PARAMETERS, load_rig
 from pipelines.improve_study_cases import PAIRS, Case, run_case
 
@@ -73,8 +73,9 @@ def named(cause: str, seed: int) -> list[list[str]]:
         log_from_frame(hidden.make_log(hidden.draw_effects_case(seed, (cause,), 3.0), seed)[0]),
         load_rig(),
     )
-    filters = campaign_filters([log], rig).told
-    problem = simulated_moves([unfiltered(log, filters)], with_servo([log], rig), filters=filters)
+    campaign = campaign_readings([log], rig)
+    rig = campaign.known(with_servo([log], rig))
+    problem = simulated_moves(campaign.logs, rig, filters=campaign.low_passes.told)
     ladder = problem.reconsidered(name_causes(problem))
     return [[found.cause, *found.indistinguishable_from] for found in findings_of(problem, ladder)]
 

@@ -84,9 +84,7 @@ def run_identify(args: argparse.Namespace) -> int:
         logs = [with_command(log, found) for log in logs] if found.driven.motor else logs
         logged = filtered_logger(with_logger(found, logs), fit.filters)
         learned = with_equation_errors(logged, logs, fit.filters)
-    _tell_filters(fit.filters)
-    for warning in fit.warnings:
-        complain(warning)
+    _tell_readings(fit.filters, fit.warnings)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)
     still = still_figures(args, fit)
     folder = write_result(args.out, name, _made("identify", logs), {**files, **still})
@@ -125,7 +123,7 @@ def run_improve(args: argparse.Namespace) -> int:
             record = with_moves(record, logs)
         tell("what diagnose gains on simulated faults")
         gain = diagnosis_gain(record.rig, record.extended_rig)
-    _tell_filters(record.filters)
+    _tell_readings(record.filters, record.warnings)
     files = improve_files(record, gain, name, list(args.logs), note)
     still = still_figures(args, record)
     folder = write_result(args.out, name, _made("improve", logs), {**files, **still})
@@ -144,12 +142,12 @@ def _told(note: str) -> str:
     return note
 
 
-def _tell_filters(filters: "Sequence[Filter]") -> None:
-    """What the logger has before its readings, on the terminal."""
+def _tell_readings(filters: "Sequence[Filter]", warnings: "Sequence[str]") -> None:
+    """What the logger has before its readings, and what else was found in them, on the terminal."""
     from observer_fi.logs import told_filter
 
-    for own in filters:
-        complain(told_filter(own))
+    for text in (*map(told_filter, filters), *warnings):
+        complain(text)
 
 
 def _made(command: str, logs: "list[Log]") -> "Made":

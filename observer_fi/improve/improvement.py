@@ -17,13 +17,12 @@ from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_mov
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.steps import Candidate, F, Ladder, Measure, Smooth, Step
-from observer_fi.learn import Experiment, FitResult, campaign_filters, with_servo
+from observer_fi.learn import Experiment, FitResult, campaign_readings, with_servo
 from observer_fi.logs import (
     Excitation,
     filtered_logger,
     on_its_clock,
     thinned,
-    unfiltered,
     with_command,
     with_logger,
     without_winding,
@@ -74,7 +73,7 @@ class Improvement:
     refused: causes that were tried last, with their net nats. freed: for each equation of the refitted rig how much the data
     want it free, the most wanted first; disturbances: what that looks like; both empty where no move is simulated. excitations:
     what each log holds. new_moves: what `diagnose` makes of moves that no fit saw; extended_rig is the one that does best there.
-    filters: that were taken out of the readings.
+    filters: that were taken out of the readings. warnings: what else was done to them.
     """
 
     rig: Rig
@@ -97,6 +96,7 @@ class Improvement:
     excitations: tuple[Excitation, ...]
     new_moves: NewMoves = UNSEEN
     filters: tuple[Filter, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def improve(
@@ -123,9 +123,9 @@ def improve(
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
     commanded = [without_winding(log, rig) for log in commanded]
     winding, rig = rig.inductance, replace(rig, inductance=None)
-    filters = campaign_filters(commanded, rig).told
-    taken = [unfiltered(log, filters) for log in commanded]
-    problem = simulated_moves(taken, with_servo(taken, rig), moves, settings, filters)
+    campaign = campaign_readings(commanded, rig)
+    taken, filters = campaign.logs, campaign.low_passes.told
+    problem = simulated_moves(taken, campaign.known(with_servo(taken, rig)), moves, settings, filters)
     ladder = problem.reconsidered(name_causes(problem, progress))
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")
@@ -133,8 +133,9 @@ def improve(
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
     learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
     return replace(
-        found, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters
-    )
+        found, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters,
+        warnings=campaign.told,
+    )  # fmt: skip
 
 
 def improvement_of(

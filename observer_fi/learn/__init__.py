@@ -3,7 +3,7 @@
 from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
 from observer_fi.learn.equation_errors import with_equation_errors
 from observer_fi.learn.gauss_newton import Free, Point, objective, project, scales
-from observer_fi.learn.identification import campaign_filters, identified_rig, identify, residuals_by_phase
+from observer_fi.learn.identification import campaign_readings, identified_rig, identify, residuals_by_phase
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
 from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term, term_of
 from observer_fi.learn.inverse_dynamics import (
@@ -93,7 +93,7 @@ __all__ = [
     "Term",
     "VOLTAGE",
     "WINDING",
-    "campaign_filters",
+    "campaign_readings",
     "doubtful",
     "timed",
     "check_force_rig",

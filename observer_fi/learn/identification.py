@@ -35,6 +35,7 @@ from observer_fi.learn.move_data import share_of
 from observer_fi.learn.servo.encoder_steps import without_steps
 from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
+from observer_fi.learn.servo.servo_ticks import Ticks, with_one_age
 from observer_fi.logs import (
     LowPasses,
     log_phases,
@@ -71,6 +72,8 @@ CANNOT_TELL = 0.3  # relative standard error from which on a value is none
 # A sampled servo needs two numbers: its proportional path sees the speed half a period late (2 ms is a servo of
 # 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
 TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3, 0.2))
+# A third one is each log's own: how old the current that such a servo holds is when it is read.
+AGE = Free("tick_age", 1e-5, -1e-3, 1e-3)
 _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
@@ -125,6 +128,34 @@ class Learned(NamedTuple):
     fitted: JointFit
     identified: set[str]
     steps: dict[str, cf.Step]
+
+
+class _Read(NamedTuple):
+    """The fit of logs whose current has one age, the filters before their readings, and the ticks where it had not."""
+
+    learned: Learned
+    logs: Sequence[Log]
+    low_passes: LowPasses
+    ticks: tuple[Ticks, ...]
+
+
+class Campaign(NamedTuple):
+    """Logs without what their logger does to the readings; which filters were taken out, and the ticks that a servo showed."""
+
+    logs: list[Log]
+    low_passes: LowPasses
+    ticks: tuple[Ticks, ...]
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What to say of readings that have one age now."""
+        return tuple(own.told() for own in self.ticks)
+
+    def known(self, rig: Rig) -> Rig:
+        """The rig with half a tick of its servo for its delay, where it says none and the logs do."""
+        if not self.ticks or "servo_delay" in rig.quantities:
+            return rig
+        return with_values(rig, {"servo_delay": 0.5 / self.ticks[0].rate_hz}, method="from the logs")
 
 
 def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
@@ -196,10 +227,13 @@ def _with_commanded(fit: Fit, begun: Rig, rig: Rig) -> Fit:
 
 def _identify_servo(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
     """The fit of a rig whose servo is known well enough to begin with."""
-    learned, low_passes = _behind_filters(logs, rig) if filters else (_learned(logs, rig), LowPasses())
+    read = _as_read(logs, rig, filters)
+    learned = read.learned
     fitted = learned.fitted if rig.driven.command is None else _between_ticks(learned.fitted)
     fit = _fit(learned.parts, fitted, learned.identified, learned.steps, rig)
-    return replace(fit, filters=low_passes.told)
+    return replace(
+        fit, filters=read.low_passes.told, warnings=(*fit.warnings, *(own.told() for own in read.ticks))
+    )
 
 
 def _between_ticks(fitted: JointFit) -> JointFit:
@@ -208,25 +242,34 @@ def _between_ticks(fitted: JointFit) -> JointFit:
     return replace(fitted, covariance=fitted.covariance + np.diag(np.square(doubt)))
 
 
-def campaign_filters(logs: Sequence[Log], rig: Rig) -> LowPasses:
-    """The filters that the logger of some logs has before its readings; none where no servo's starts tell."""
+def campaign_readings(logs: Sequence[Log], rig: Rig) -> Campaign:
+    """The readings of some logs without what their logger does to them; as they are where no servo's starts tell.
+
+    A servo's current has one age in them (`servo_ticks.py`), and filters that come before the readings are taken out.
+    """
     if not rig.driven.servo or needs_start(rig):
-        return LowPasses()
-    return _behind_filters(logs, rig)[1]
+        return Campaign(list(logs), LowPasses(), ())
+    read = _as_read(logs, rig, filters=True)
+    taken = [unfiltered(log, read.low_passes.told) for log in read.logs]
+    return Campaign(taken, read.low_passes, read.ticks)
 
 
-def _behind_filters(logs: Sequence[Log], rig: Rig) -> tuple[Learned, LowPasses]:
-    """The fit of all logs, and the filters that it found before their readings."""
+def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
+    """The fit of all logs, with their current of one age, and the filters that it found before their readings."""
     learned = _learned(logs, rig)
-    if not needed(learned.fitted):
-        return learned, LowPasses()
+    commanded = [each.logged for each in learned.material]
+    logs, ticks = with_one_age(logs, commanded, rig, learned.parts, learned.fitted)
+    if ticks:
+        learned = _learned(logs, rig)
+    if not filters or not needed(learned.fitted):
+        return _Read(learned, logs, LowPasses(), ticks)
     begun = _start_values(learned.material, {}, rig)
     free = _free(learned.material, begun, learned.identified, rig)
     found = filter_of(learned.parts, rig.model, free, begun)
     if found is None:
-        return learned, LowPasses()
+        return _Read(learned, logs, LowPasses(), ticks)
     learned = _learned(logs, rig, *found)
-    return learned, found[0].told(learned.fitted.values, 1.0 / logs[0].rate_hz)
+    return _Read(learned, logs, found[0].told(learned.fitted.values, 1.0 / logs[0].rate_hz), ticks)
 
 
 def _learned(
@@ -433,8 +476,11 @@ def _start_values(material: Sequence[Material], found: Mapping[str, float], rig:
     values |= _supplies(material, rig.model)
     values["servo_delay"] = max(rig.model["servo_delay"], 3e-5)
     values["input_delay"] = rig.model["input_delay"]
+    values |= dict.fromkeys(
+        [f"{AGE.name}@{k}" for k in range(len(material))] if len(material) > 1 else [AGE.name], 0.0
+    )
     values["torque_offset"] = rig.model["torque_offset"]
-    values |= {n: rig.model[n] for n in rig.model.effects}
+    values |= {n: rig.model[n] for n in rig.model.effects if n != AGE.name}
     values |= {n: found[n] for n in FILTERED if n in found}
     for side in ("high", "low"):
         stops = {k: s for k, m in enumerate(material) if (s := getattr(m.breaks, f"stop_{side}")) is not None}
@@ -534,10 +580,12 @@ def _free(
         reference = rig.model[name]
         std = reference * (rig.spread(name) or relative)
         free.append(Free(name, 1e-4 * reference, 0.5 * reference, 2.0 * reference, reference, std))
-    free += TIMING
+    free += [*TIMING, *(AGE._replace(name=n) for n in values if n.split("@")[0] == AGE.name)]
     offset = math.inf if "torque_offset" in identified else 0.02 * rig.model["A"]
     free.append(Free("torque_offset", 1e-3 * rig.model["A"], prior=0.0, prior_std=offset))
-    free += [_effect(n, rig.model[n]) for n in rig.model.effects if n not in (*_TIMING, "torque_offset")]
+    free += [
+        _effect(n, rig.model[n]) for n in rig.model.effects if n not in (*_TIMING, AGE.name, "torque_offset")
+    ]
     free += [Free(n, 2e-6, *_travel(material)) for n in values if n.startswith("x_stop")]
     free += [Free(n, 1e-4) for n in values if n.startswith("onset")]
     return free
@@ -619,6 +667,7 @@ def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) 
         "onset": math.inf,
         "servo_delay": math.inf,
         "input_delay": math.inf,
+        "tick_age": math.inf,
     }.get(base, 1e-3 if base.startswith("x_stop") else abs(value))
     low, high = value - Z95 * std, value + Z95 * std
     if std > PROFILE_FROM * scale:
@@ -629,7 +678,7 @@ def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) 
 
 def _reported(name: str, identified: set[str]) -> bool:
     base = name.split("@")[0]
-    if base in FILTERED:
+    if base in (*FILTERED, AGE.name):
         return False
     if base in ("x_stop_high", "x_stop_low"):
         return "C" in identified or "E" in identified

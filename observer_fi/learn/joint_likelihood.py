@@ -35,7 +35,7 @@ from observer_fi.learn.gauss_newton import (
     stepped,
 )
 from observer_fi.learn.logger.filtered_readings import NAMES, Through
-from observer_fi.learn.move_data import Experiment, commands, prepare, run, simulate_each
+from observer_fi.learn.move_data import Experiment, commands, prepare, run, show, simulate_each
 from observer_fi.learn.output_error import inflation
 from observer_fi.learn.servo.command_timing import doubtful
 from observer_fi.logs import is_recovered, moves_from_rest
@@ -311,7 +311,7 @@ def _run_loose(
             start,
             states[part_rows],
         )
-        s.readings(e.t[part_rows], states[part_rows], loose, y[part_rows])
+        show(e.t[part_rows], states[part_rows], ready[1][part_rows], loose, y[part_rows])
 
 
 def _two(e: Experiment, begin: int, ready: tuple[Array, Array], p: Array, start: Array) -> Array:

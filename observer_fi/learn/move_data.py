@@ -421,9 +421,16 @@ def run(
             states[rows],
             experiment.steps,
         )
-        s.readings(t, states[rows], p, y[rows])
+        show(t, states[rows], late[rows], p, y[rows])
         _show_late(t, y[rows], ahead, p)
     return states, y
+
+
+def show(t: Array, states: Array, late: Array, p: Array, y: Array) -> None:
+    """Into y (n, 3): what the sensors show of states (n, COLUMNS), of a servo that holds its current. late: see `commands`."""
+    s.readings(t, states, p, y)
+    if p[a.EXTENDED] != 0.0 and p[a.TICK_AGE] != 0.0:
+        s.age(t, states, late, np.full(t.size, p[a.TICK_AGE]), p, y)
 
 
 def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: Array) -> None:
@@ -508,7 +515,7 @@ def _side_by_side(
         last = states[-1]
         apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
         for k, own, vector, behind in zip(at, apart, vectors, ahead, strict=True):
-            s.readings(experiment.t[rows], own, vector, y[k, rows])
+            show(experiment.t[rows], own, ready[1][rows], vector, y[k, rows])
             _show_late(experiment.t[rows], y[k, rows], float(behind), vector)
 
 

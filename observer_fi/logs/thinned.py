@@ -24,17 +24,18 @@ REPEATS = 0.02  # share of readings that repeat the one before, which those with
 class Thinner:
     """Takes `rows` rows of a log as one, 1 of slow logs, and of an uneven number, so that it has the time of one of them.
 
-    acquisition: of the log as it is, where that is thinned. means: channels of which a row is the mean.
+    acquisition: of the log as it is, where that is thinned. means: channels of which a row is the mean, if any may be.
     """
 
-    def __init__(self, begin: Log, rig: Rig) -> None:
+    def __init__(self, begin: Log, rig: Rig, means: bool = True) -> None:
         self.rows = _together(begin.rate_hz) if rig.driven.motor else 1
         self.rate_hz = begin.rate_hz
         self.acquisition: Acquisition | None = None
         self.means: tuple[int, ...] = ()
         if self.rows > 1:
             self.acquisition = acquisition_of(begin, rig.file_noise_std)
-            self.means = tuple(c for c, traits in enumerate(self.acquisition[:3]) if _is_own(traits))
+            own = (c for c, traits in enumerate(self.acquisition[:3]) if _is_own(traits))
+            self.means = tuple(own) if means else ()
 
     def of(self, log: Log) -> Log:
         """The log, or a chunk of it, with fewer rows."""
@@ -79,8 +80,11 @@ class Thinner:
 
 
 def thinned(log: Log, rig: Rig) -> Log:
-    """A log in memory with as many rows as are needed; one of few samples a second as it is."""
-    return Thinner(log, rig).of(log)
+    """A log in memory with as many rows as a rig is learned from; one of few samples a second as it is.
+
+    They are read once: where a command has a corner, or between two ticks of a servo, a mean is no reading at any time.
+    """
+    return Thinner(log, rig, means=False).of(log)
 
 
 def _together(rate_hz: float) -> int:

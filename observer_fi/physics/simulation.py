@@ -171,6 +171,76 @@ def readings(t, states, p, out):
 
 
 @uncounted
+def age(t, states, late, ages, p, out):
+    """Voltage and current of `readings` where a sampled servo holds its current: as it was set so long before a sample.
+
+    late: (n, 4) the command as the proportional path sees it, at the quarters of the interval from each sample on [rad/s]. ages:
+    (n,) s, negative where it was set later. Set is what was asked for; what the supply limits is limited when it is read. The
+    current of a servo that lags is taken as linear between samples.
+    """
+    n = t.size
+    for j in range(n):
+        if ages[j] == 0.0 or n < 2:
+            continue
+        if p[a.CURRENT_LAG] > 0.0:
+            change = _earlier(t, states[:, CURRENT], j, ages[j]) - states[j, CURRENT]
+        else:
+            change = _set_before(t, states, late, j, ages[j], p)
+        i, w, h = states[j, CURRENT], states[j, W], states[j, H]
+        out[j, 0] += a.terminal_voltage(i + change, w, h, p) - a.terminal_voltage(i, w, h, p)
+        out[j, 1] += a.current_reading(i + change, p) - a.current_reading(i, p)
+
+
+@uncounted
+def _set_before(t, states, late, j, before, p):
+    """By how much the current of sample j is another one if it is held since a time `before` it [A]."""
+    w, integral = states[j, W], states[j, I]
+    by_w = _slope(t, states[:, W], j)
+    asked = a.command_current(w, integral, late[j, 0], p) + p[a.KP] * p[a.SERVO_DELAY] * by_w
+    then = asked + p[a.KP] * (_command_before(t, late, j, before) - late[j, 0] + by_w * before)
+    then -= p[a.KI] * (late[j, 0] - w) * before
+    slow = plant.on_the_clock(plant.Slow(states[j, H], states[j, SAG], 0.0, 0.0), t[j], p)
+    h, sag = slow.h, slow.sag + slow.drift
+    held = a.limited_current(a.passed_current(then, p), w, h, sag, p)
+    return held - a.limited_current(a.passed_current(asked, p), w, h, sag, p)
+
+
+@uncounted
+def _command_before(t, late, j, before):
+    """The command so long before sample j, linear between the quarters of the intervals beside it."""
+    k = j - 1 if before > 0.0 else j
+    if k < 0 or k + 1 >= t.size:
+        return late[j, 0]
+    place = 4.0 * min(abs(before) / (t[k + 1] - t[k]), 1.0)
+    q = min(int(place), 3)
+    if before > 0.0:
+        q = 3 - q
+        left, right = late[k, q], late[j, 0] if q == 3 else late[k, q + 1]
+        return right + (place - int(place) if place < 4.0 else 1.0) * (left - right)
+    left, right = late[k, q], late[k + 1, 0] if q == 3 else late[k, q + 1]
+    return left + (place - q) * (right - left)
+
+
+@uncounted
+def _slope(t, y, j):
+    """dy/dt at sample j of the parabola through it and those beside it."""
+    if j == 0 or j + 1 == t.size:
+        k = max(j - 1, 0)
+        return (y[k + 1] - y[k]) / (t[k + 1] - t[k])
+    back, on = t[j] - t[j - 1], t[j + 1] - t[j]
+    return ((y[j + 1] - y[j]) / on * back + (y[j] - y[j - 1]) / back * on) / (back + on)
+
+
+@uncounted
+def _earlier(t, y, j, by):
+    """y so long before sample j, on the line to the sample beside it."""
+    k = j - 1 if by > 0.0 else j
+    if k < 0 or k + 1 >= t.size:
+        return y[j]
+    return y[j] - by * (y[k + 1] - y[k]) / (t[k + 1] - t[k])
+
+
+@uncounted
 def _delay(t, y, delay):
     """y(t - delay) in place, linear between samples, constant before the first."""
     k = t.size - 1

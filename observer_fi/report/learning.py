@@ -40,7 +40,7 @@ def improve_files(
     disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
-        record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters), figures=drawn,
+        record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters, record.warnings), figures=drawn,
         headline=improve_headline(record), words=plain,
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=with_error, versions=versions(),
         rmse=RMSE,
@@ -101,7 +101,7 @@ def likeness(record: Improvement) -> str:
 
 def improve_json(record: Improvement, gain: Gain) -> dict[str, Any]:
     """Contract section 4, and what `diagnose` makes of the same moves and of simulated faults, before and after."""
-    told = {**to_json(record), "warnings": [told_filter(own) for own in record.filters]}
+    told = {**to_json(record), "warnings": [*map(told_filter, record.filters), *record.warnings]}
     if gain is None:
         return told
     before, after = (g._asdict() for g in gain)

@@ -12,7 +12,7 @@ from scipy.signal import butter, lfilter, lfilter_zi
 
 from observer_fi.learn.contacts_and_losses import Breaks
 from observer_fi.learn.gauss_newton import Free, Point
-from observer_fi.learn.identification import TIMING, campaign_filters, identify
+from observer_fi.learn.identification import TIMING, campaign_readings, identify
 from observer_fi.learn.joint_likelihood import part_of
 from observer_fi.learn.logger import low_passes
 from observer_fi.learn.logger.filtered_readings import LATE, TIME, Through
@@ -63,7 +63,7 @@ def test_no_cause_is_a_filter(cause: str) -> None:
 def told_of(cause: str) -> tuple[Filter, ...]:
     """What is told of an actuator with a cause at thirty times its small size."""
     effects = (hidden.sized_effect(cause, 30.0),)
-    return campaign_filters([log_of(PROFILE, seed=4, effects=effects)], RIG).told
+    return campaign_readings([log_of(PROFILE, seed=4, effects=effects)], RIG).low_passes.told
 
 
 def test_a_filter_before_the_position_changes_no_constant() -> None:
@@ -76,7 +76,7 @@ def test_a_filter_before_the_position_changes_no_constant() -> None:
 
 def test_nothing_is_looked_for_where_no_servo_tells() -> None:
     log = replace(log_of(PROFILE, seed=6), w_cmd=np.zeros(0))
-    assert not campaign_filters([log], replace(RIG, drive="voltage")).any
+    assert not campaign_readings([log], replace(RIG, drive="voltage")).low_passes.any
 
 
 def late_current(seed: int, late_s: float, zero: tuple[float, float] = (0.0, 0.0)) -> Log:
@@ -96,7 +96,7 @@ def late_current(seed: int, late_s: float, zero: tuple[float, float] = (0.0, 0.0
 def test_a_late_current_is_told_whatever_the_zeros(
     seed: int, late_s: float, zero: tuple[float, float]
 ) -> None:
-    (own,) = campaign_filters([late_current(seed, late_s, zero)], RIG).told
+    (own,) = campaign_readings([late_current(seed, late_s, zero)], RIG).low_passes.told
     assert own.channel == "current" and np.isinf(own.corner_hz)
     assert own.late == pytest.approx(late_s * 1600.0, abs=0.05)
 
@@ -219,4 +219,4 @@ def test_a_current_that_is_dead_is_behind_no_filter() -> None:
     """It had been taken out as one of 2.5 Hz, with all that the noise of such a sensor then becomes."""
     spec = hidden.draw_effect_case(130009, "current_gain", 50.0)
     assert hidden.right_size(spec.effects[0]).value == 0.0
-    assert campaign_filters([log_from_frame(hidden.make_log(spec, 130009)[0])], RIG).told == ()
+    assert campaign_readings([log_from_frame(hidden.make_log(spec, 130009)[0])], RIG).low_passes.told == ()

@@ -15,7 +15,7 @@ _PRIORS = {
     "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
-_SERVO_DELAY = Free("servo_delay", 1e-5, 0.0, 1e-4, 0.0, 1e-4)  # half the period of a servo of 5 kHz or more
+_SERVO_S = 1e-4  # half the period of a servo of 5 kHz or more, where none is known
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
 _TICK_PHASE = Free("tick_phase", 1e-5, -1e-4, 1e-4, 0.0, 3e-5)
 _STOPS = {"C": 1.0, "E": 0.2}
@@ -32,7 +32,14 @@ def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free,
         value = rig.model[name]
         relative = max(relative, rig.spread(name))
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
-    return (*free, *_stops(model), _SERVO_DELAY, _tick_phase(older_s))
+    return (*free, *_stops(model), *_of_ticks(model["servo_delay"]), _tick_phase(older_s))
+
+
+def _of_ticks(known: float) -> tuple[Free, Free]:
+    """Half a tick of the servo, and by what samples are older than its current is on average [s]. known: half a tick, or 0."""
+    most = max(_SERVO_S, 1.5 * known)
+    age = Free("tick_age", 1e-5, -most, most, 0.0, 0.5 * most)
+    return Free("servo_delay", 1e-5, 0.0, most, known, max(_SERVO_S, 0.1 * known)), age
 
 
 def _tick_phase(older_s: float) -> Free:

@@ -243,8 +243,8 @@ class Improved(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Filters that were taken out of the readings."""
-        return tuple(map(told_filter, self.record.filters))
+        """Filters that were taken out of the readings, and what else was done to them."""
+        return (*map(told_filter, self.record.filters), *self.record.warnings)
 
     def paragraphs(self) -> tuple[str, ...]:
         """Each finding with its size and its gain on moves that no fit saw, and what would tell it from its rivals."""
