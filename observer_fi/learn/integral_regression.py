@@ -34,6 +34,7 @@ MAKER = {
 }  # relative 1-sigma of what the maker states, where the rig file gives no spread
 WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet differs
 PITCH_SPAN = 2.0  # deg
+DRAG, NO_DRAG = "viscous_positive", 2.0  # standard errors below which a drag may be none
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
 SEVERAL = 2.0  # samples of a time constant that tell where the motor begins to turn behind it
@@ -93,12 +94,13 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and model["Rm"] > 0.0
-    names, values, covariance, s = (
-        _from_voltage(windows, rig) if with_voltage else _from_position(windows, rig)
-    )
+    law = _from_voltage if with_voltage else _from_position
+    names, values, covariance, s = law(windows, rig, _unknowns(windows))
     if with_voltage and _inductance(s) and s.x[-1] > SEVERAL * s.x[0] / logs[0].rate_hz:
         windows = [w for log in logs for w in windows_of(log, rig, float(s.x[-1]))] or windows
-        names, values, covariance, s = _from_voltage(windows, rig)
+        names, values, covariance, s = law(windows, rig, _unknowns(windows))
+    if _drag_hides_friction(names, values, covariance):
+        names, values, covariance, s = law(windows, rig, tuple(n for n in _unknowns(windows) if n != DRAG))
     left_open = np.zeros(values.size) if with_voltage else _left_open(names, values, rig)
     parameters, covariance = _reported(names, values, covariance, rig, left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
@@ -175,14 +177,13 @@ def _speed(log: Log, model: Model) -> tuple[Array, Array]:
 
 
 def _from_voltage(
-    windows: Sequence[Window], rig: Rig, plain: bool = False
+    windows: Sequence[Window], rig: Rig, names: tuple[str, ...], plain: bool = False
 ) -> tuple[tuple[str, ...], Array, Array, Solution]:
     """Names, values, covariance from equations 1 and 2, V = Rm i + L di/dt + V0 + Km/J int (Km i - A s - B theta - b w) dt.
 
     Km then follows from equation 8: the integral of V - Rm i - L di/dt is Km/D (x - x0). Maker's data enter as priors. L, the
     inductance that equation 2 leaves out, would be a smaller Rm and a larger J; it is none of the plant's, and not reported.
     """
-    names = _unknowns(windows)
     s = _circuit(windows, names, plain)
     if not plain:
         s = _with_maker(_with_samples_between(s, windows, names), rig)
@@ -264,14 +265,15 @@ def _torque_constant(windows: Sequence[Window], rig: Rig, Rm: float, L: float) -
     return weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
 
 
-def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...], Array, Array, Solution]:
+def _from_position(
+    windows: Sequence[Window], rig: Rig, names: tuple[str, ...]
+) -> tuple[tuple[str, ...], Array, Array, Solution]:
     """As `_from_voltage` without voltage: equation 1 integrated twice against the position, Km the maker's.
 
     All values are in proportion to that Km, and what multiplies a speed or an acceleration to D as well (`_left_open`). The
     covariance is for these two as they are: whoever takes the values takes them, too.
     """
     model = rig.model
-    names = _unknowns(windows)
     rows, y = [], []
     for w in windows:
         once = np.column_stack([model["Km"] * _integral(w.t, w.z[:, 1]), *_loads(w, names[1:])])
@@ -284,6 +286,15 @@ def _from_position(windows: Sequence[Window], rig: Rig) -> tuple[tuple[str, ...]
     slope = np.eye(s.x.size) / s.x[0]
     slope[:, 0] = -values / s.x[0]
     return names, values, slope @ s.covariance @ slope.T, s
+
+
+def _drag_hides_friction(names: Sequence[str], values: Array, covariance: Array) -> bool:
+    """Whether friction has no value only because a drag is free beside it that is none: less than its standard errors say."""
+    if DRAG not in names:
+        return False
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    a, drag = names.index("A"), names.index(DRAG)
+    return bool(std[a] > CANNOT_TELL * abs(values[a]) and values[drag] < NO_DRAG * std[drag])
 
 
 def _left_open(names: Sequence[str], values: Array, rig: Rig) -> Array:

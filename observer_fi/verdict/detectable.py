@@ -14,7 +14,17 @@ import numpy as np
 
 from observer_fi.bank import Bank, Hypothesis, HypothesisState, LogSamples, of_a_move
 from observer_fi.numerics import MOST
-from observer_fi.physics import FAULTS, NOMINAL, PARAMETERS, FaultRow, Least, OwnState, Rig, words_of
+from observer_fi.physics import (
+    FAULTS,
+    NOMINAL,
+    PARAMETERS,
+    UNLEARNED,
+    FaultRow,
+    Least,
+    OwnState,
+    Rig,
+    words_of,
+)
 from observer_fi.records import Array, CouldShow, Detectable, Event
 from observer_fi.settings import DecisionSettings
 from observer_fi.verdict.drift import LIMIT, TIMES_S, largest_means
@@ -25,6 +35,7 @@ from observer_fi.verdict.onset import ROOM, Entry, Filters
 # What shows later than this after its begin is not counted: what grows slowly must first be doubted.
 SEEN_S = 2.0 * max(TIMES_S)
 TIMED = 2.0  # times the nats of a verdict, with which a fault is not only found but its begin told
+GROSS_RISE = 0.5
 SURE = 1.645  # standard deviations of the evidence: 19 such faults of 20 give as much
 
 
@@ -70,16 +81,37 @@ def could_show(
     return CouldShow(float(half.window.t[0]), tuple(least), tuple(blind))
 
 
-def or_unseen(event: Event, could: CouldShow | None, unread: Sequence[str]) -> Event:
-    """A healthy event, or as well what it shows at no size because channels tell nothing. unread: the columns of these."""
-    if event.label != NOMINAL or event.alike or could is None or not could.blind or not unread:
+def or_unseen(event: Event, could: CouldShow | None, unread: Sequence[str], rig: Rig) -> Event:
+    """A healthy event, or as well what it shows at no size because channels tell nothing, or no log has shown the friction.
+
+    unread: the columns of these channels.
+    """
+    if event.label != NOMINAL or event.alike or could is None:
         return event
-    share = 1.0 / (1 + len(could.blind))
-    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((NOMINAL, *could.blind), share)
-    why = f"without {' and '.join(unread)} nothing shows {' or '.join(map(words_of, could.blind))}"
-    return event._replace(
-        probability=share, posterior=posterior, alike=could.blind, reasons=(*event.reasons, why)
-    )
+    if could.blind and unread:
+        why = f"without {' and '.join(unread)} nothing shows {' or '.join(map(words_of, could.blind))}"
+        return _as_well(event, could.blind, why)
+    hidden = tuple(dict.fromkeys((*could.blind, *(d.label for d in could.least if _is_gross(d)))))
+    if hidden and "A" in rig.quantities and rig.quantities["A"].method in UNLEARNED:
+        told = "; ".join(d.words for d in could.least if d.label in hidden) or "at no size"
+        why = (
+            f"the friction of the rig file is a guess, beside which {' or '.join(map(words_of, hidden))} would hardly show "
+            f"({told}): learn the rig from healthy moves first (observer-fi identify)"
+        )
+        return _as_well(event, hidden, why)
+    return event
+
+
+def _is_gross(least: Detectable) -> bool:
+    """Whether friction must rise by a half at least before a log shows it."""
+    return least.name == "friction_rise" and least.value > GROSS_RISE
+
+
+def _as_well(event: Event, alike: tuple[str, ...], why: str) -> Event:
+    """A healthy event, or as likely one of these."""
+    share = 1.0 / (1 + len(alike))
+    posterior = dict.fromkeys(event.posterior, 0.0) | dict.fromkeys((NOMINAL, *alike), share)
+    return event._replace(probability=share, posterior=posterior, alike=alike, reasons=(*event.reasons, why))
 
 
 def _second_half(event: Event, bank: Bank, nominal: Hypothesis, filters: Filters) -> Half | None:

@@ -510,7 +510,7 @@ class Diagnosis:
         lack = foreign or self.testable.lack(self.rate, self.rig, verdict.label)
         asked = (verdict, *events[-1:]) if verdict.label == NOMINAL and not lack else ()
         could = could_show(asked, self.memory, self.filters, self.settings.decision)
-        seen = or_unseen(verdict, could, self.as_logged.unread if self.as_logged else ())
+        seen = or_unseen(verdict, could, self.as_logged.unread if self.as_logged else (), self.rig)
         isolation = untested(lack) if lack else Isolation(seen, events, found.consistency, could)
         empty = np.empty(0)
         facts = {**facts, "notes": (*facts.get("notes", ()), *(self.suspects or ()))}

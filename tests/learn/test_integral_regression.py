@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from observer_fi.learn.contacts_and_losses import motor_angle
-from observer_fi.learn.integral_regression import Window, _from_voltage, _integral
+from observer_fi.learn.integral_regression import (
+    DRAG,
+    Window,
+    _drag_hides_friction,
+    _from_voltage,
+    _integral,
+    _unknowns,
+)
 from observer_fi.physics import DataSheet, Rig, rig_of_sheet
 
 
@@ -42,14 +49,29 @@ def soft_windows(rig: Rig, seed: int) -> list[Window]:
     return windows
 
 
+def fitted(windows: list[Window], rig: Rig, plain: bool = False) -> tuple:
+    return _from_voltage(windows, rig, _unknowns(windows), plain)
+
+
 @pytest.mark.slow
 def test_the_noise_of_the_current_makes_no_resistance_smaller() -> None:
     """Plain least squares took it for half of what it is, and every other constant with it."""
     rig = rig_of_sheet(SHEET).rig
-    found = [_from_voltage(soft_windows(rig, seed), rig) for seed in range(12)]
+    found = [fitted(soft_windows(rig, seed), rig) for seed in range(12)]
     Rm = np.array([values[0] for _, values, _, _ in found]) / rig.model["Rm"]
     std = np.array([np.sqrt(covariance[0, 0]) for _, _, covariance, _ in found]) / rig.model["Rm"]
     assert abs(Rm.mean() - 1.0) < 3.0 * std.mean() / np.sqrt(Rm.size)
     assert np.abs((Rm - 1.0) / std).max() < 4.0
-    plain = _from_voltage(soft_windows(rig, 0), rig, plain=True)[1][0] / rig.model["Rm"]
+    plain = fitted(soft_windows(rig, 0), rig, plain=True)[1][0] / rig.model["Rm"]
     assert plain < 1.0 - 4.0 * std.mean()
+
+
+@pytest.mark.parametrize(
+    ("friction", "drag", "hides"),
+    [(1e-3, -2e-6, True), (1e-3, 1e-6, True), (1e-3, 9e-6, False), (4e-3, -2e-6, False)],
+)
+def test_a_drag_that_is_none_hides_no_friction(friction: float, drag: float, hides: bool) -> None:
+    """Beside a drag that was free and less than none friction had no value, and each fault behind it was health for sure."""
+    covariance = np.diag([1e-7, 6e-4, 3e-6]) ** 2
+    assert _drag_hides_friction(("J", "A", DRAG), np.array([7e-6, friction, drag]), covariance) is hides
+    assert not _drag_hides_friction(("J", "A"), np.array([7e-6, friction]), covariance[:2, :2])

@@ -1,6 +1,7 @@
 """Samples of a servo that holds its current between two ticks: of any rate, and of any phase to the ticks.
 
-The truth is the independent one, with ticks half a tick after time zero; another phase is a log of 48 kHz of which rows are taken.
+The truth is the independent one, with ticks half a tick after time zero; another phase is a log of 48 kHz, of which rows are
+taken.
 """
 
 from dataclasses import replace

@@ -34,8 +34,8 @@ SLOWEST_FOLD = 3.0  # turns of the fold in a log: what takes longer is one age
 PER_SAMPLE = 40  # ticks at most that lie between two samples
 HEIGHT = (0.5, 2.0)  # of a line of the ages over that of ticks that may have made it
 TURNS, PHASES, CLOSER = 9, 24, 4  # frequencies beside a peak, phases, and how often these are taken finer
-# That ticks must gain, and of the misfit of steep stretches that they must explain.
-NATS, SHARE = 40.0, 0.3
+# That ticks must gain, over all and a sample, and of the misfit of steep stretches that they must explain.
+NATS, EACH, SHARE = 40.0, 0.05, 0.3
 
 
 class Ticks(NamedTuple):
@@ -98,7 +98,7 @@ def ticks_of(part: Part, plant: Model, fitted: JointFit, nuisance: Array, log: L
         found = min(_beside(found, span, 0.5**closer), key=ages.cost)
     before, after = ages.bent(ages.age), ages.bent(ages.age - found.age(ages.t))
     noise = 0.5 * sum(own.stop - own.start - 3 for own in ages.stretches)
-    told = before - after > max(NATS, SHARE * (before - noise))
+    told = before - after > max(NATS, EACH * ages.t.size, SHARE * (before - noise))
     return found if told else None
 
 
