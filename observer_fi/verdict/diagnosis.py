@@ -71,6 +71,7 @@ from observer_fi.verdict.logger.no_pitch import is_told_pitch, or_another_pitch,
 from observer_fi.verdict.logger.other_channels import not_the_sensor_alone, or_another, with_the_actuator
 from observer_fi.verdict.moves.another_gain import or_another_gain
 from observer_fi.verdict.moves.as_resistance import or_the_resistance
+from observer_fi.verdict.moves.by_encoder import by_the_encoder
 from observer_fi.verdict.moves.circuit import of_the_circuit
 from observer_fi.verdict.moves.naming import FAR
 from observer_fi.verdict.moves.one_alone import or_of_one_alone
@@ -175,7 +176,8 @@ def diagnose(
 
 
 def _last_doubts(outcome: Outcome, begin: Callable[[], Log], rig: Rig, filed: Rig) -> Outcome:
-    return or_another_pitch(or_unbalanced(outcome, begin, rig), begin, rig, filed)
+    told = by_the_encoder(or_unbalanced(outcome, begin, rig), begin, rig)
+    return or_another_pitch(told, begin, rig, filed)
 
 
 def _notes(notes: Sequence[str], rig: Rig) -> tuple[str, ...]:
