@@ -8,11 +8,12 @@ whose height is a tick. Held is the current, so that the voltage is off by Rm ti
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.joint_likelihood import JointFit, Part, model_of, predict
@@ -59,13 +60,16 @@ class Ticks(NamedTuple):
 class _Ages(NamedTuple):
     """What voltage and current say of their age, of n steep samples: times [s], ages about their mean [s], weights [1/s^2].
 
-    stretches: of samples in a row.
+    rows (m,): those of long enough stretches in a row, which begin at first (k,) of them; slow (m, 3): what a parabola over each
+    stretch makes of weighted ages, at right angles to each other.
     """
 
     t: Array
     age: Array
     weight: Array
-    stretches: tuple[slice, ...]
+    rows: NDArray[np.intp]
+    first: NDArray[np.intp]
+    slow: Array
 
     def cost(self, ticks: Ticks) -> float:
         """Negative log-likelihood [nats] of ages that are those of these ticks, about a mean."""
@@ -73,33 +77,56 @@ class _Ages(NamedTuple):
         left -= np.average(left, weights=self.weight)
         return 0.5 * float(self.weight @ left**2)
 
-    def bent(self, age: Array) -> float:
-        """Cost [nats] of what of ages (n,) no parabola over a stretch is: models are wrong slowly."""
-        return sum(self._bent(age[own], self.weight[own]) for own in self.stretches)
+    def bent_cost(self, ticks: Ticks | None) -> float:
+        """The same of what no parabola over a stretch is: models are wrong slowly. None: of ages that are all the same."""
+        left = (self.age - ticks.age(self.t) if ticks else self.age)[self.rows]
+        left = np.sqrt(self.weight[self.rows]) * left
+        parabolas = np.add.reduceat(self.slow * left[:, None], self.first)
+        return 0.5 * float(left @ left - (parabolas**2).sum())
 
-    @staticmethod
-    def _bent(age: Array, weight: Array) -> float:
-        u = np.linspace(-1.0, 1.0, age.size)
-        slow = np.polynomial.polynomial.polyfit(u, age, 2, w=np.sqrt(weight))
-        return 0.5 * float(weight @ (age - np.polynomial.polynomial.polyval(u, slow)) ** 2)
+    def bent(self) -> "_Ages":
+        """The same ages of those stretches alone, each without its parabola."""
+        root = np.sqrt(self.weight[self.rows])
+        left = root * self.age[self.rows]
+        parabolas = np.add.reduceat(self.slow * left[:, None], self.first)
+        lengths = np.diff(np.append(self.first, self.rows.size))
+        left -= (self.slow * np.repeat(parabolas, lengths, axis=0)).sum(axis=1)
+        every = np.arange(self.rows.size)
+        return self._replace(t=self.t[self.rows], age=left / root, weight=root**2, rows=every)
+
+    def tell(self, ticks: Ticks) -> bool:
+        """Whether ticks explain enough of what they may."""
+        before = self.bent_cost(None)
+        noise = 0.5 * (self.rows.size - self.slow.shape[1] * self.first.size)
+        gained = before - self.bent_cost(ticks)
+        return gained > max(NATS, EACH * self.t.size, SHARE * (before - noise))
 
 
 def ticks_of(part: Part, plant: Model, fitted: JointFit, nuisance: Array, log: Log) -> Ticks | None:
-    """The servo's ticks, told by a fit of one log; None where all samples are as old, or none are told."""
+    """The servo's ticks, told by a fit of one log; None where all samples are as old, or none are told.
+
+    Where a fit is far from its log, only the steps from one sample to the next tell.
+    """
     model = model_of(plant, fitted.values, part.number)
     ages = _ages(part.experiment, predict(part, plant, fitted.values, nuisance), model["Rm"], log.rate_hz)
     if ages is None:
         return None
-    found = min(_candidates(ages, log.rate_hz), key=ages.cost, default=None)
+    found = _best(ages, ages.cost, log.rate_hz)
+    if found is not None and ages.tell(found):
+        return found
+    found = _best(ages.bent(), ages.bent_cost, log.rate_hz)
+    return found if found is not None and ages.tell(found) else None
+
+
+def _best(ages: _Ages, cost: Callable[[Ticks], float], rate_hz: float) -> Ticks | None:
+    """The likeliest ticks of those that a line of the ages may come of."""
+    found = min(_candidates(ages, rate_hz), key=cost, default=None)
     if found is None:
         return None
     span = float(ages.t[-1] - ages.t[0])
     for closer in range(CLOSER):
-        found = min(_beside(found, span, 0.5**closer), key=ages.cost)
-    before, after = ages.bent(ages.age), ages.bent(ages.age - found.age(ages.t))
-    noise = 0.5 * sum(own.stop - own.start - 3 for own in ages.stretches)
-    told = before - after > max(NATS, EACH * ages.t.size, SHARE * (before - noise))
-    return found if told else None
+        found = min(_beside(found, span, 0.5**closer), key=cost)
+    return found
 
 
 def at_one_age(log: Log, commanded: Log, rig: Rig, model: Model, ticks: Ticks) -> Log:
@@ -145,8 +172,19 @@ def _ages(e: Experiment, y: Array, Rm: float, rate_hz: float) -> _Ages | None:
     t, age, weight = t[steep], age[steep], weight[steep]
     cuts = np.flatnonzero(np.diff(t) * rate_hz > 1.5) + 1
     ends = zip([0, *cuts.tolist()], [*cuts.tolist(), t.size], strict=True)
-    stretches = tuple(slice(a, b) for a, b in ends if b - a >= STRETCH)
-    return _Ages(t, age - np.average(age, weights=weight), weight, stretches)
+    stretches = [np.arange(a, b) for a, b in ends if b - a >= STRETCH]
+    if not stretches:
+        return None
+    slow = [_parabolas(weight[own]) for own in stretches]
+    first = np.cumsum([0, *(own.size for own in stretches[:-1])])
+    about = age - np.average(age, weights=weight)
+    return _Ages(t, about, weight, np.concatenate(stretches), first, np.concatenate(slow))
+
+
+def _parabolas(weight: Array) -> Array:
+    """(n, 3) parabolas over n samples in a row, at right angles to each other where they count so much."""
+    u = np.linspace(-1.0, 1.0, weight.size)
+    return np.asarray(np.linalg.qr(np.sqrt(weight)[:, None] * np.column_stack((np.ones(u.size), u, u**2)))[0])
 
 
 def _candidates(ages: _Ages, rate_hz: float) -> Iterator[Ticks]:
