@@ -258,9 +258,11 @@ def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
     """The fit of all logs, with their current of one age, and the filters that it found before their readings."""
     learned = _learned(logs, rig)
     commanded = [each.logged for each in learned.material]
-    logs, ticks = with_one_age(logs, commanded, rig, learned.parts, learned.fitted)
-    if ticks:
-        learned = _learned(logs, rig)
+    taken, ticks = with_one_age(logs, commanded, rig, learned.parts, learned.fitted)
+    if ticks:  # told again by constants that fit behind them
+        fitted = _learned(taken, rig).fitted
+        taken, ticks = with_one_age(logs, commanded, rig, learned.parts, fitted)
+        logs, learned = taken, _learned(taken, rig)
     if not filters or not needed(learned.fitted):
         return _Read(learned, logs, LowPasses(), ticks)
     begun = _start_values(learned.material, {}, rig)

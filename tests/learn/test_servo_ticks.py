@@ -37,7 +37,14 @@ def off_by(log: Log, spec: hidden.TruthSpec) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("rate_hz", "servo_hz"),
-    [(1920.0, 8000.0), (3200.0, 8000.0), (1200.0, 8000.0), (1600.0, 5000.0), (1000.0, 1500.0)],
+    [
+        (1920.0, 8000.0),
+        (3200.0, 8000.0),
+        (1200.0, 8000.0),
+        (1600.0, 5000.0),
+        (1600.0, 12000.0),
+        (1000.0, 1500.0),
+    ],
 )
 def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: float) -> None:
     log, spec = drawn(871001, rate_hz, servo_hz)
@@ -46,6 +53,14 @@ def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: fl
     assert f"{servo_hz:.0f} times a second" in ticks.told()
     if servo_hz >= 5e3:  # what a servo of fewer ticks does in between no model has
         assert np.abs(off_by(log, spec)).max() < 4.0
+
+
+@pytest.mark.parametrize("cause", ["acceleration_limit", "backlash", "viscous_friction"])
+def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
+    spec = hidden.draw_effects_case(871003, (cause,), 3.0)
+    spec = replace(spec, logger=replace(spec.logger, rate_hz=1920.0))
+    (ticks,) = campaign_readings([log_from_frame(hidden.make_log(spec, 871003)[0])], RIG).ticks
+    assert ticks.rate_hz == pytest.approx(8000.0, abs=0.02)
 
 
 @pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 1600.0, 4000.0])

@@ -15,6 +15,7 @@ _PRIORS = {
     "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
+AGE = "tick_age"
 _SERVO_S = 1e-4  # half the period of a servo of 5 kHz or more, where none is known
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
 _TICK_PHASE = Free("tick_phase", 1e-5, -1e-4, 1e-4, 0.0, 3e-5)
@@ -35,10 +36,19 @@ def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free,
     return (*free, *_stops(model), *_of_ticks(model["servo_delay"]), _tick_phase(older_s))
 
 
+def refit_of_the_rig(experiment: Experiment, rig: Rig, model: Model) -> FitResult:
+    """The fit of what a refit may move: first without the age of the samples, beside which a first step from far off may end at
+    the edge of stick and slip.
+    """
+    free = base_parameters(rig, model, experiment.older_s)
+    begun = fit(experiment, model, [f for f in free if f.name != AGE])
+    return fit(experiment, begun.model, free)
+
+
 def _of_ticks(known: float) -> tuple[Free, Free]:
     """Half a tick of the servo, and by what samples are older than its current is on average [s]. known: half a tick, or 0."""
     most = max(_SERVO_S, 1.5 * known)
-    age = Free("tick_age", 1e-5, -most, most, 0.0, 0.5 * most)
+    age = Free(AGE, 1e-5, -most, most, 0.0, 0.5 * most)
     return Free("servo_delay", 1e-5, 0.0, most, known, max(_SERVO_S, 0.1 * known)), age
 
 
@@ -72,7 +82,8 @@ def with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
     models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
     if len(models) == 1:
         return rig.model
-    fits = [_with_a_spring(experiment, m, base_parameters(rig, m, experiment.older_s)) for m in models]
+    each = [[f for f in base_parameters(rig, m, experiment.older_s) if f.name != AGE] for m in models]
+    fits = [_with_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
     return models[int(np.argmin([f.objective + STOP_NATS * k for k, f in enumerate(fits)]))]
 
 

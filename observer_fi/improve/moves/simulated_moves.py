@@ -33,7 +33,13 @@ from observer_fi.improve.moves.misfit import (
     position_dust,
 )
 from observer_fi.improve.moves.refuted import unrefuted
-from observer_fi.improve.moves.rig_refit import STOP_NATS, base_parameters, causes_of, with_stops
+from observer_fi.improve.moves.rig_refit import (
+    STOP_NATS,
+    base_parameters,
+    causes_of,
+    refit_of_the_rig,
+    with_stops,
+)
 from observer_fi.improve.moves.screening import coverage_of, penalty, refit, screen, without
 from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.steps import Candidate, HeldOut, Ladder, Measure, Smooth, Step, Trial
@@ -106,8 +112,7 @@ class SimulatedMoves:
 
     @cached_property
     def _baseline(self) -> FitResult:
-        free = base_parameters(self.rig, self.model, self.experiment.older_s)
-        return fit(self.experiment, self.model, free)
+        return refit_of_the_rig(self.experiment, self.rig, self.model)
 
     @cached_property
     def _most(self) -> float:

@@ -9,9 +9,9 @@ from campaigns import RIG, campaign
 
 from observer_fi.improve import improve
 from observer_fi.improve.moves.lines import order_lines, time_lines
-from observer_fi.improve.moves.rig_refit import base_parameters
+from observer_fi.improve.moves.rig_refit import refit_of_the_rig
 from observer_fi.improve.moves.screening import Projector
-from observer_fi.learn import TORQUE, fit, gradient, linearised, prepare, response, run
+from observer_fi.learn import TORQUE, gradient, linearised, prepare, response, run
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
 from observer_fi.records import Log
@@ -27,7 +27,7 @@ def refitted(values: dict[str, float]):
 def around(log: Log):
     """An experiment, the fit of the rig to it, the linear motion around that, and its states."""
     experiment = prepare([log], RIG)
-    fitted = fit(experiment, RIG.model, base_parameters(RIG, RIG.model))
+    fitted = refit_of_the_rig(experiment, RIG, RIG.model)
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     return experiment, fitted, linearised(experiment, fitted.model, states), states
 
