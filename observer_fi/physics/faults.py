@@ -321,7 +321,9 @@ FAULTS = table(
             "voltage": "A changed winding or torque constant looks the same as a voltage sensor fault while the motor stays at "
             "one speed: a start, a stop or the resistance measured at rest tells them apart.",
             "position": "A nut that slips or a lost coupling can look like a dead position sensor while the speed is "
-            "steady: a reversal, or the encoder, tells them apart.",
+            "steady: a reversal, or the encoder, tells them apart. Where `encoder_rad` is logged it says which of position and "
+            "voltage with current is right about how far the motor turned: what goes with the mass refutes a slip, a lost "
+            "coupling, and an obstacle or a jam that a tenth of the way contradicts.",
         },
         caveat=_nothing,
         colours=("#b5548c", "#8c6bb1", "#a6761d"),

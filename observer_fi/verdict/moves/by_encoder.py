@@ -10,10 +10,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.ndimage import uniform_filter1d
+import scipy  # whose parts load when they are used: `integrate` takes half a second
 
-from observer_fi.numerics import filled
+from observer_fi.numerics import filled, with_unit
 from observer_fi.physics import Rig, speed
 from observer_fi.records import Array, Event, Log, Outcome
 from observer_fi.verdict.drift import SURE, mostly
@@ -31,7 +30,7 @@ STEADY_S, FEWEST = 0.05, 20  # of one speed, and samples either side of an onset
 # Over which an encoder's speed is taken; what of it is one speed; and of the fastest, what is motion.
 MEAN_S, SAME, MOVES = 0.02, 0.05, 0.05
 TOGETHER = (
-    "encoder_rad goes with position_m, {:.3g} mm of {:.3g} mm that voltage_v and current_a say, so that nothing slips between "
+    "encoder_rad goes with position_m, {} of {} that voltage_v and current_a say, so that nothing slips between "
     "motor and mass: one of these lies"
 )
 WITH_THE_MOTOR = "encoder_rad goes with voltage_v and current_a, so that neither of them lies"
@@ -113,8 +112,10 @@ def _travels(log: Log, rows: slice, rig: Rig, onset: int) -> tuple[Array, Array,
     assert log.encoder is not None
     z = np.column_stack([filled(channel) for channel in log.z[rows].T])
     D, mean = rig.model["D"], max(round(MEAN_S * log.rate_hz), 1)
-    turned = np.asarray(cumulative_trapezoid(speed(z, rig.model.vector), log.t[rows], initial=0))
-    ways = [uniform_filter1d(way, mean) for way in (z[:, 2], D * log.encoder[rows], D * turned)]
+    turned = np.asarray(
+        scipy.integrate.cumulative_trapezoid(speed(z, rig.model.vector), log.t[rows], initial=0)
+    )
+    ways = [scipy.ndimage.uniform_filter1d(way, mean) for way in (z[:, 2], D * log.encoder[rows], D * turned)]
     x, *others = (way - way[onset] for way in ways)
     before = abs(x[0])
     if before < CALIBRATED * APART * float(rig.noise_std[2]):
@@ -131,7 +132,7 @@ def _lies(event: Event, ways: Ways, log: Log, rig: Rig) -> Event:
         return event
     if event.channel in ELECTRICAL and not set(event.alike) & {*OF_THE_COUPLING}:
         return event
-    why = TOGETHER.format(1e3 * ways.encoder, 1e3 * ways.circuit)
+    why = TOGETHER.format(with_unit(ways.encoder, "m"), with_unit(ways.circuit, "m"))
     channel = event.channel if event.channel in ELECTRICAL else _liar(ways, log, rig)
     sure = SURE if channel else 0.5
     told = event._replace(
