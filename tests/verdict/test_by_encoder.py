@@ -93,6 +93,25 @@ def test_without_an_encoder_nothing_changes() -> None:
     assert by_the_encoder(outcome, lambda: judged(case)[0], RIG) is outcome
 
 
+@pytest.mark.parametrize("scale", [0.0, 180.0 / np.pi, -1.0, np.nan])
+@pytest.mark.parametrize("label", ["slip", "coupling_loss"])
+def test_an_encoder_that_is_dead_or_counts_otherwise_refutes_nothing(label: str, scale: float) -> None:
+    """A mass that stops beside an encoder that stands seemed to go with it."""
+    case = Case(872003, label)
+    encoder = judged(case)[0].encoder
+    assert encoder is not None
+    assert then(case, label, scale * encoder).label == label
+
+
+def test_readings_of_an_encoder_that_are_missing_are_in_between() -> None:
+    case = Case(872001, "jam", "voltage", 1.2)
+    encoder = judged(case)[0].encoder
+    assert encoder is not None
+    holes = encoder.copy()
+    holes[::7] = np.nan
+    assert then(case, "slip", holes).channel == "voltage"
+
+
 @pytest.mark.parametrize("edges", [50, 10_000])
 def test_coarse_and_fine_encoders_say_the_same(edges: int) -> None:
     case = Case(872007, "jam", "voltage", 1.3)

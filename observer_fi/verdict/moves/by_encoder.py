@@ -6,6 +6,7 @@ says that voltage or current lie; one that goes with these refutes that they do.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -60,8 +61,11 @@ def by_the_encoder(outcome: Outcome, begin: Callable[[], Log], rig: Rig) -> Outc
         return outcome
     asked = [e for e in found.events if {e.label, *e.alike} & {*OF_THE_COUPLING, *OF_A_LOAD, "sensor_fault"}]
     log = begin() if asked else None
-    if log is None or log.encoder is None or np.isnan(log.z[:, :2]).all(axis=0).any():
+    if log is None or log.encoder is None or not np.isfinite(log.encoder).any():
         return outcome
+    if np.isnan(log.z).all(axis=0).any():
+        return outcome
+    log = replace(log, encoder=filled(log.encoder))
     for event in asked:
         told = _told(event, log, rig)
         if told is not event:
@@ -95,7 +99,10 @@ def _ways(event: Event, log: Log, rig: Rig) -> Ways | None:
     turning = np.abs(_turning(log)[first:last])
     last = first + int(np.flatnonzero(turning >= MOVES * turning.max())[-1]) + 1
     begin = int(np.searchsorted(log.t, event.start_s))
-    x, encoder, circuit = _travels(log, slice(begin, last), rig, first - begin)
+    travels = _travels(log, slice(begin, last), rig, first - begin)
+    if travels is None:
+        return None
+    x, encoder, circuit = travels
     apart = np.abs(circuit - x)[first - begin :]
     k = int(np.nanargmax(apart)) + first - begin
     way = max(abs(encoder[k]), abs(x[k]))
@@ -104,10 +111,11 @@ def _ways(event: Event, log: Log, rig: Rig) -> Ways | None:
     return Ways(float(x[k]), float(encoder[k]), float(circuit[k]), slice(first, last))
 
 
-def _travels(log: Log, rows: slice, rig: Rig, onset: int) -> tuple[Array, Array, Array]:
+def _travels(log: Log, rows: slice, rig: Rig, onset: int) -> tuple[Array, Array, Array] | None:
     """How far the mass is from where it was at row `onset` of these [m], (n,) each over `MEAN_S`: see `Ways`.
 
-    Where it went far before, the lead and the motor's constants are as all three agree there.
+    The lead and the motor's constants are as all three agree before it. None where the mass did not go far enough before, or
+    the encoder did not go with it: it may be dead, or count in another unit.
     """
     assert log.encoder is not None
     z = np.column_stack([filled(channel) for channel in log.z[rows].T])
@@ -117,9 +125,10 @@ def _travels(log: Log, rows: slice, rig: Rig, onset: int) -> tuple[Array, Array,
     )
     ways = [scipy.ndimage.uniform_filter1d(way, mean) for way in (z[:, 2], D * log.encoder[rows], D * turned)]
     x, *others = (way - way[onset] for way in ways)
-    before = abs(x[0])
-    if before < CALIBRATED * APART * float(rig.noise_std[2]):
-        return x, others[0], others[1]
+    if abs(x[0]) < CALIBRATED * APART * float(rig.noise_std[2]) or not abs(
+        others[0][0] - x[0]
+    ) < LOADED * abs(x[0]):
+        return None
     scales = (np.clip(x[0] / way[0] if way[0] else 1.0, 1.0 - LOADED, 1.0 + LOADED) for way in others)
     encoder, circuit = (way * scale for way, scale in zip(others, scales, strict=True))
     return x, encoder, circuit
