@@ -72,8 +72,8 @@ CANNOT_TELL = 0.3  # relative standard error from which on a value is none
 # A sampled servo needs two numbers: its proportional path sees the speed half a period late (2 ms is a servo of
 # 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
 TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3, 0.2))
-# A third one is each log's own: how old the current that such a servo holds is when it is read, within half a tick of 2 kHz.
-AGE = Free("tick_age", 1e-5, -2.5e-4, 2.5e-4, 0.0, 1e-4)
+# A third one is each log's own: how old the current that such a servo holds is when it is read, within half a tick of 1 kHz.
+AGE = Free("tick_age", 1e-5, -5e-4, 5e-4)
 _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
