@@ -235,7 +235,7 @@ def test_identify_takes_what_diagnose_takes() -> None:
     )
     assert f"{len(frame)} parameters learned" in result.verdict
     assert result.verdict in result._repr_html_() and "Km" in result._repr_html_()
-    assert "Km = 21." in str(result) and "Cannot be told from these logs:" in str(result)
+    assert "Km = 21.2" in str(result) and "Cannot be told from these logs:" in str(result)
     assert result.to_dict()["parameters"]["Km"]["unit"] == "N m/A"
     assert result.rig.model["Km"] == pytest.approx(frame.loc["Km", "value"])
     assert list(result.figures()) == ["parameters", "correlation"] and len(result.plot().axes) == 1

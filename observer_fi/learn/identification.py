@@ -72,8 +72,9 @@ CANNOT_TELL = 0.3  # relative standard error from which on a value is none
 # A sampled servo needs two numbers: its proportional path sees the speed half a period late (2 ms is a servo of
 # 250 Hz), and its ticks and the logger's samples have a time between them. Without them Ki is 0.4 % off, J 0.1 %.
 TIMING = (Free("servo_delay", 1e-5, 0.0, 2e-3), Free("input_delay", 1e-5, -5e-3, 0.2))
-# A third one is each log's own: how old the current that such a servo holds is when it is read, within half a tick of 1 kHz.
-AGE = Free("tick_age", 1e-5, -5e-4, 5e-4)
+# A third one is each log's own: by how much of half a tick, which the delay is, the current that such a servo holds is older when
+# it is read than it is on average. That is a whole one at most, and the delay is known to a quarter.
+AGE = Free("tick_share", 2e-2, -1.25, 1.25)
 _TIMING = tuple(f.name for f in TIMING)
 # What a value that was learned may still be off from one day to the next (the paper's spread); a data sheet leaves more open.
 DAILY = {"A": 0.1, "B": 0.1, "C": 0.15, "E": 0.05, "A_decoupled": 0.1}
@@ -161,7 +162,8 @@ class Campaign(NamedTuple):
 def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """Parameters of `rig` from logs, with intervals, correlations and what could not be identified.
 
-    filters: whether a misfit is asked for a filter that a servo's logger has before its readings, or a winding with inductance.
+    filters: whether a misfit is asked for a filter that a servo's logger has before its readings, for a winding with inductance,
+    or for the ticks between which the servo holds its current; without, the logs have none of these.
 
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
@@ -255,7 +257,12 @@ def campaign_readings(logs: Sequence[Log], rig: Rig) -> Campaign:
 
 
 def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
-    """The fit of all logs, with their current of one age, and the filters that it found before their readings."""
+    """The fit of all logs, with their current of one age, and the filters that it found before their readings.
+
+    filters: see `identify`.
+    """
+    if not filters:
+        return _Read(_learned(logs, rig, held=False), logs, LowPasses(), ())
     learned = _learned(logs, rig)
     commanded = [each.logged for each in learned.material]
     taken, ticks = with_one_age(logs, commanded, rig, learned.parts, learned.fitted)
@@ -263,21 +270,28 @@ def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
         fitted = _learned(taken, rig).fitted
         taken, ticks = with_one_age(logs, commanded, rig, learned.parts, fitted)
         logs, learned = taken, _learned(taken, rig)
-    if not filters or not needed(learned.fitted):
+    if not needed(learned.fitted):
         return _Read(learned, logs, LowPasses(), ticks)
     begun = _start_values(learned.material, {}, rig)
     free = _free(learned.material, begun, learned.identified, rig)
     found = filter_of(learned.parts, rig.model, free, begun)
     if found is None:
         return _Read(learned, logs, LowPasses(), ticks)
-    learned = _learned(logs, rig, *found)
+    learned = _learned(logs, rig, *found, held=False)
     return _Read(learned, logs, found[0].told(learned.fitted.values, 1.0 / logs[0].rate_hz), ticks)
 
 
 def _learned(
-    logs: Sequence[Log], rig: Rig, through: Through | None = None, values: Mapping[str, float] | None = None
+    logs: Sequence[Log],
+    rig: Rig,
+    through: Through | None = None,
+    values: Mapping[str, float] | None = None,
+    held: bool = True,
 ) -> Learned:
-    """The fit of all logs whose readings come through a filter, if through any: about that of some `values`."""
+    """The fit of all logs whose readings come through a filter, if through any: about that of some `values`.
+
+    held: whether their current is read as the servo holds it; behind a filter, and in a winding with inductance, it is not.
+    """
     known = values or {}
     material = [_material(log, rig, _taken_out(through, known, log)) for log in logs]
     steps, start = closed_form_start(material, rig.model)
@@ -292,6 +306,7 @@ def _learned(
     behind = through.free(1.0 / logs[0].rate_hz) if through else []
     start = {**start, **{f.name: known[f.name] for f in behind}}
     begun = _beginning(parts, material, start, rig)
+    begun = begun if held else {n: v for n, v in begun.items() if n.split("@")[0] != AGE.name}
     fitted, identified = _told(parts, material, begun, identified, behind, rig)
     return Learned(material, parts, fitted, identified, steps)
 
@@ -669,7 +684,7 @@ def _interval(parts: Sequence[Part], fitted: JointFit, name: str, model: Model) 
         "onset": math.inf,
         "servo_delay": math.inf,
         "input_delay": math.inf,
-        "tick_age": math.inf,
+        "tick_share": math.inf,
     }.get(base, 1e-3 if base.startswith("x_stop") else abs(value))
     low, high = value - Z95 * std, value + Z95 * std
     if std > PROFILE_FROM * scale:

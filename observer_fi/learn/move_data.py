@@ -429,8 +429,9 @@ def run(
 def show(t: Array, states: Array, late: Array, p: Array, y: Array) -> None:
     """Into y (n, 3): what the sensors show of states (n, COLUMNS), of a servo that holds its current. late: see `commands`."""
     s.readings(t, states, p, y)
-    if p[a.EXTENDED] != 0.0 and p[a.TICK_AGE] != 0.0:
-        s.age(t, states, late, np.full(t.size, p[a.TICK_AGE]), p, y)
+    age = float(p[a.TICK_SHARE] * p[a.SERVO_DELAY])
+    if p[a.EXTENDED] != 0.0 and age != 0.0:
+        s.age(t, states, late, np.full(t.size, age), p, y)
 
 
 def _carry_play(experiment: Experiment, m: int, p: Array, starts: Array, last: Array) -> None:

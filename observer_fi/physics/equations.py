@@ -95,7 +95,7 @@ PARAMETERS: dict[str, tuple[str, float | None]] = {
     # servo
     "servo_delay": ("s", 0.0),
     "tick_phase": ("s", 0.0),
-    "tick_age": ("s", 0.0),
+    "tick_share": ("1", 0.0),
     "current_lag": ("s", 0.0),
     "lag_behind_limit": ("1", 0.0),
     "input_delay": ("s", 0.0),
@@ -200,7 +200,7 @@ VECTOR_SIZE = len(NAMES) + 1
     SUPPLY_DRIFT,
     SERVO_DELAY,
     TICK_PHASE,
-    TICK_AGE,
+    TICK_SHARE,
     CURRENT_LAG,
     LAG_BEHIND_LIMIT,
     INPUT_DELAY,

@@ -42,7 +42,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "brush_current": (ABOVE_ZERO, 1e6),
     "servo_delay": (-1.0, 1.0),
     "tick_phase": (-1.0, 1.0),
-    "tick_age": (-1.0, 1.0),
+    "tick_share": (-2.0, 2.0),
     "input_delay": (-1.0, 10.0),
     "current_lag": (0.0, 10.0),
     "position_lag": (0.0, 10.0),

@@ -15,7 +15,8 @@ _PRIORS = {
     "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
-AGE = "tick_age"
+# By how much of the servo's delay, half a tick, samples are older than its current is on average: any part of it is as likely.
+_AGE = Free("tick_share", 2e-2, -1.25, 1.25, 0.0, 1.0 / math.sqrt(3.0))
 _SERVO_S = 1e-4  # half the period of a servo of 5 kHz or more, where none is known
 # Between the servo's ticks and the logger's samples lies a time of either sign, within a period of that servo.
 _TICK_PHASE = Free("tick_phase", 1e-5, -1e-4, 1e-4, 0.0, 3e-5)
@@ -33,7 +34,7 @@ def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free,
         value = rig.model[name]
         relative = max(relative, rig.spread(name))
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
-    return (*free, *_stops(model), *_of_ticks(model["servo_delay"]), _tick_phase(older_s))
+    return (*free, *_stops(model), _servo_delay(model["servo_delay"]), _AGE, _tick_phase(older_s))
 
 
 def refit_of_the_rig(experiment: Experiment, rig: Rig, model: Model) -> FitResult:
@@ -41,15 +42,13 @@ def refit_of_the_rig(experiment: Experiment, rig: Rig, model: Model) -> FitResul
     the edge of stick and slip.
     """
     free = base_parameters(rig, model, experiment.older_s)
-    begun = fit(experiment, model, [f for f in free if f.name != AGE])
+    begun = fit(experiment, model, [f for f in free if f.name != _AGE.name])
     return fit(experiment, begun.model, free)
 
 
-def _of_ticks(known: float) -> tuple[Free, Free]:
-    """Half a tick of the servo, and by what samples are older than its current is on average [s]. known: half a tick, or 0."""
-    most = max(_SERVO_S, 1.5 * known)
-    age = Free(AGE, 1e-5, -most, most, 0.0, 0.5 * most)
-    return Free("servo_delay", 1e-5, 0.0, most, known, max(_SERVO_S, 0.1 * known)), age
+def _servo_delay(known: float) -> Free:
+    """Half a tick of the servo. known: of the rig file or the logs [s], 0 for none."""
+    return Free("servo_delay", 1e-5, 0.0, max(_SERVO_S, 1.5 * known), known, max(_SERVO_S, 0.1 * known))
 
 
 def _tick_phase(older_s: float) -> Free:
@@ -82,7 +81,7 @@ def with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
     models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
     if len(models) == 1:
         return rig.model
-    each = [[f for f in base_parameters(rig, m, experiment.older_s) if f.name != AGE] for m in models]
+    each = [[f for f in base_parameters(rig, m, experiment.older_s) if f.name != _AGE.name] for m in models]
     fits = [_with_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
     return models[int(np.argmin([f.objective + STOP_NATS * k for k, f in enumerate(fits)]))]
 

@@ -379,7 +379,7 @@ class SimulatedMoves:
 
     def extended_rig(self, ladder: Ladder[FitResult]) -> Rig:
         fitted = ladder.extended
-        of_log = ("tick_age",)  # by how much this log's samples are older than the next one's nobody knows
+        of_log = ("tick_share",)  # by how much this log's samples are older than the next one's nobody knows
         values = {name: value for name, (value, _) in self.values(fitted).items() if name not in of_log}
         fixed = {name: v for s in ladder.steps for c in s.trial.candidates for name, v in c.variant.fixed}
         return with_values(self.rig, values | fixed, fitted.std, "improve")

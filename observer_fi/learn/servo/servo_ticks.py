@@ -27,10 +27,8 @@ MOST = 4000  # samples that are looked at: the steepest
 FEWEST = 40  # ages, and of a stretch without a gap from which a parabola is taken
 STRETCH = 6
 BEST_S = 2e-6  # standard error of an age that no model is better than
-FINE, NEAR = (
-    4,
-    0.25,
-)  # frequencies over those of a log of this length, and of one by which a found one may be off
+# Frequencies over those of a log of this length, and of one by which a found one may be off.
+FINE, NEAR = 4, 0.25
 SLOWEST_FOLD = 3.0  # turns of the fold in a log: what takes longer is one age
 PER_SAMPLE = 40  # ticks at most that lie between two samples
 HEIGHT = (0.5, 2.0)  # of a line of the ages over that of ticks that may have made it
@@ -138,7 +136,7 @@ def at_one_age(log: Log, commanded: Log, rig: Rig, model: Model, ticks: Ticks) -
         e = prepare([commanded], rig)
     except InvalidLogError:
         return log
-    plain = override(model, model.name, tick_age=0.0)
+    plain = override(model, model.name, tick_share=0.0)
     ready = commands(e, plain.vector)
     states, y = run(e, plain, np.zeros((e.moves, 2)), ready)
     z = log.z.copy()
