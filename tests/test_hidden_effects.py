@@ -116,3 +116,19 @@ def test_a_stop_that_only_a_missing_cause_asked_for_is_taken_back():
     row = hide(("current_lag", "torque_offset"), 3.0, 4500)
     assert {names[0] for names in row["found"]} == {"current_lag", "torque_offset"}
     assert row["gain_share"] > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.first(3)
+@pytest.mark.parametrize(
+    ("rate_hz", "first", "every"),
+    [(1920.0, 0, 1), (48e3, 3, 30), (9600.0, 0, 1), (3200.0, 0, 1), (48e3, 5, 30), (48e3, 20, 48)],
+)
+def test_a_healthy_campaign_is_clean_whenever_its_logger_samples(rate_hz, first, every):
+    """Any rate beside the 8000 ticks of its servo, and any time in a tick: of every `every`th row from `first` on."""
+    spec = hidden.draw_effects_case(874001 + first, (), 0.0)
+    spec = replace(spec, logger=replace(spec.logger, rate_hz=rate_hz))
+    frame, _ = hidden.make_log(spec, 874001 + first)
+    record = improve([log_from_frame(frame.iloc[first::every].reset_index(drop=True))], load_rig())
+    assert record.findings == ()
+    assert record.unexplained == ()

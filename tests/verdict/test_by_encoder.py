@@ -56,20 +56,23 @@ def then(case: Case, label: str, encoder: Array | None = None, **more: object) -
 
 
 @pytest.mark.parametrize("label", ["slip", "coupling_loss", "overload"])
-@pytest.mark.parametrize(
-    ("channel", "gain"), [("voltage", 1.2), ("voltage", 0.6), ("current", 2.5), ("current", 0.2)]
-)
+@pytest.mark.parametrize("gain", [1.2, 0.6])
 @pytest.mark.parametrize("seed", [872001, 872002])
-def test_an_encoder_that_goes_with_the_mass_refutes_that_it_slips(
-    label: str, channel: str, gain: float, seed: int
-) -> None:
-    told = then(Case(seed, "jam", channel, gain), label)
-    if told.label == label:  # what a current says at little load is too little
-        assert channel == "current"
-        return
-    assert (told.label, told.channel) == ("sensor_fault", channel) or told.probability == 0.5
+def test_an_encoder_that_goes_with_the_mass_refutes_that_it_slips(label: str, gain: float, seed: int) -> None:
+    told = then(Case(seed, "jam", "voltage", gain), label)
+    assert (told.label, told.channel, told.alike) == ("sensor_fault", "voltage", ())
+    assert told.probability >= 0.95
     assert "encoder_rad goes with position_m" in told.reasons[0]
     assert told.severity == ()
+
+
+@pytest.mark.parametrize("label", ["slip", "coupling_loss"])
+@pytest.mark.parametrize("gain", [4.0, -3.0])
+@pytest.mark.parametrize("seed", [872001, 872002])
+def test_nor_is_it_a_voltage_that_lies_where_a_current_does(label: str, gain: float, seed: int) -> None:
+    """Of the paper's motor a current takes little of the voltage: its gain must be gross to say how far the mass went."""
+    told = then(Case(seed, "jam", "current", gain), label)
+    assert (told.label, told.channel) == ("sensor_fault", "current")
 
 
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])

@@ -12,6 +12,7 @@ from observer_fi.physics.rigs import load_rig
 from observer_fi.records import CouldShow, Detectable, Isolation
 from observer_fi.report.diagnosis import sensitivity
 from observer_fi.settings import Settings
+from observer_fi.verdict.detectable import GROSS_RISE, or_unseen
 from observer_fi.verdict.diagnosis import diagnose_log
 
 RIG = load_rig()
@@ -132,3 +133,27 @@ def test_three_times_what_is_told_is_found_over_shapes_of_command() -> None:
     assert len(said) > 60
     missed = [row for row in said if row[3] == "nominal"]
     assert len(missed) <= 1 and all(row[2] == "coupling_loss" for row in missed), missed
+
+
+@pytest.mark.parametrize("blind", [(), ("slip",)])
+@pytest.mark.parametrize(("rise", "shows"), [(0.9 * GROSS_RISE, True), (1.1 * GROSS_RISE, False)])
+@pytest.mark.parametrize("method", ["guess", "derived", "identified"])
+def test_an_all_clear_beside_a_guessed_friction_is_no_word_on_friction_that_hardly_shows(
+    method: str, rise: float, shows: bool, blind: tuple[str, ...]
+) -> None:
+    """A jam behind a rig file whose friction no log had shown was health above 0.999."""
+    found = healthy(PLAIN)
+    could = found.could_show
+    assert could is not None
+    jam = of(could, "jam")._replace(value=rise)
+    could = could._replace(least=(*(d for d in could.least if d.label != "jam"), jam), blind=blind)
+    rig = replace(RIG, quantities=RIG.quantities | {"A": replace(RIG.quantities["A"], method=method)})
+    told = or_unseen(found.verdict, could, (), rig)
+    hidden_ones = () if method == "identified" else (*blind, *(() if shows else ("jam",)))
+    assert (told.label, told.alike) == ("nominal", hidden_ones)
+    if hidden_ones:
+        assert told.probability == pytest.approx(1.0 / (1 + len(hidden_ones)))
+        assert sum(told.posterior.values()) == pytest.approx(1.0)
+        assert "learn the rig" in told.reasons[-1]
+    else:
+        assert told is found.verdict

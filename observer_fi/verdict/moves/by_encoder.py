@@ -162,10 +162,10 @@ def _is_right(event: Event) -> Event:
     others = tuple(label for label in event.alike if label in OF_THE_COUPLING)
     if event.channel not in ELECTRICAL or not others:
         return event
-    told = event._replace(
-        label=others[0], channel=None, alike=others[1:], reasons=(*event.reasons, WITH_THE_MOTOR)
-    )
-    return told._replace(probability=SURE / len(others), posterior=mostly(others[0], told))
+    share = SURE / len(others)
+    posterior = mostly(others[0], event) | dict.fromkeys(others, share)
+    told = event._replace(label=others[0], channel=None, alike=others[1:], posterior=posterior)
+    return told._replace(probability=share, reasons=(*event.reasons, WITH_THE_MOTOR))
 
 
 def _liar(ways: Ways, log: Log, rig: Rig) -> str | None:
