@@ -77,8 +77,14 @@ def run_case(case: Case) -> dict[str, Any]:
     }
     if not case.inside:
         effect = truth["effects"][0]
-        row["right"] = not sets and any(
-            e in effect["equations"] and r in effect["regressors"] for e, r in smooth[:1]
+        told = [f"sensor:{f.channel}" for f in record.filters]
+        row["filters"] = told
+        row["equation"] = not sets and any(
+            e in effect["equations"] for e in [e for e, _ in smooth[:1]] or told
+        )
+        row["right"] = not sets and (
+            any(e in effect["equations"] and r in effect["regressors"] for e, r in smooth[:1])
+            or (not smooth and any(e in effect["equations"] for e in told))
         )
     return row
 

@@ -97,8 +97,9 @@ class Smooth:
 
     gain, held_out: nats in all, and predicted for moves from the others. share: held_out over the residual's excess.
     at, curve, band: the fitted curve over the regressor and its standard error, in the unit of the equation (N m,
-    ohm, 1, m, A, V), or in `unit`; empty where nothing that is known goes with it. coefficients: how many numbers it took.
-    order, frequency_hz: of a line, per turn of the motor or in time.
+    ohm, 1, m, A, V) and over what the regressor is, or in `unit`, of what `what` and `over` say in words; empty where nothing
+    that is known goes with it. coefficients: how many numbers it took. order, frequency_hz: of a line, per turn of the motor or
+    in time.
     """
 
     equation: str
@@ -114,6 +115,8 @@ class Smooth:
     order: float | None = None
     frequency_hz: float | None = None
     unit: str = ""
+    what: str = ""
+    over: str = ""
 
     @property
     def can_be_kept(self) -> bool:

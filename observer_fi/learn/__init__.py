@@ -23,11 +23,13 @@ from observer_fi.learn.inverse_dynamics import (
 from observer_fi.learn.inverse_motion import InverseSettings, Motion, prepare_motion
 from observer_fi.learn.linear import (
     CURRENT,
+    CURRENT_COMMAND,
     DISTURBANCES,
     DRAG,
     FRICTION,
     POSITION,
     RESISTANCE,
+    SPEED_COMMAND,
     TORQUE,
     TRAVEL,
     VOLTAGE,
@@ -40,6 +42,7 @@ from observer_fi.learn.linear import (
 )
 from observer_fi.learn.move_data import (
     Experiment,
+    commands,
     openings,
     prepare,
     run,
@@ -68,6 +71,7 @@ from observer_fi.learn.servo.unknown_servo import with_servo
 __all__ = [
     "CAUGHT_A",
     "CURRENT",
+    "CURRENT_COMMAND",
     "Columns",
     "DISTURBANCES",
     "DRAG",
@@ -83,6 +87,7 @@ __all__ = [
     "Point",
     "PositionServo",
     "RESISTANCE",
+    "SPEED_COMMAND",
     "Sharing",
     "Solution",
     "Structure",
@@ -98,6 +103,7 @@ __all__ = [
     "timed",
     "check_force_rig",
     "closed_loop",
+    "commands",
     "correlated",
     "extended_rig",
     "find_stops",

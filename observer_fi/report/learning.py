@@ -12,6 +12,7 @@ from observer_fi.improve import (
     WANTED_NATS,
     DiagnosisGain,
     Improvement,
+    Smooth,
     SmoothedDisturbance,
     Value,
     to_json,
@@ -41,7 +42,7 @@ def improve_files(
     page = environment().get_template("improve.html")
     html = page.render(
         record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters, record.warnings), figures=drawn,
-        headline=improve_headline(record), words=plain,
+        headline=improve_headline(record), words=plain, goes_with=goes_with,
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=with_error, versions=versions(),
         rmse=RMSE,
         disturbances=list(zip(record.disturbances, disturbances, strict=True)), wish=freed_sentence(record),
@@ -116,6 +117,11 @@ _NOT_ASKED = (
     "Option --keep-unexplained fits it as an empirical curve of the rig, "
     "and keeps it if it holds on moves that its fit never saw."
 )
+
+
+def goes_with(term: Smooth) -> str:
+    """What an unexplained term goes with, in words."""
+    return term.over.partition(" [")[0] or plain(term.regressor)
 
 
 def not_kept(record: Improvement) -> str:

@@ -129,10 +129,10 @@ def smooth_curves(terms: Sequence[Smooth], residuals: Residuals) -> Charts:
     """The curve of every unexplained term with its band of two standard errors."""
     panels = []
     for term in [term for term in terms if term.at.size][:3]:
-        label, scale = regressor(residuals, term.regressor)
+        label, scale = (term.over, 1.0) if term.over else regressor(residuals, term.regressor)
         what, unit = UNITS.get(term.equation, (term.equation, "1"))
         if term.unit:
-            what, unit = "voltage in the winding", term.unit
+            what, unit = term.what, term.unit
         unit, factor = readable(unit, float(np.nanmax(np.abs(term.curve))))
         order = np.argsort(term.at)
         x, y, band = scale * term.at[order], factor * term.curve[order], 2.0 * factor * term.band[order]

@@ -89,7 +89,7 @@ from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
-from observer_fi.verdict.stuck import of_a_stuck_sensor
+from observer_fi.verdict.stuck import of_a_jumping_sensor, of_a_stuck_sensor
 from observer_fi.verdict.testable import SURE_HZ, Testable, or_a_slip, or_an_obstacle, or_touched, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, or_unexplained, wrong_rig
 
@@ -410,6 +410,7 @@ class Diagnosis:
             told = event if doubting is not event and told.label == NOMINAL and not told.alike else told
             told = raised_friction(told, self.memory, self.settings.decision.strain_limit)
             told = or_frozen(of_a_stuck_sensor(told, self.memory, self.logged), self.memory)
+            told = of_a_jumping_sensor(told, self.memory, self.logged)
             story = self.last_word.explained.get(event.start_s)
             told = self._of_the_circuit(self.with_room.on(told, self.memory, story))
             if self.detected_at is None and not any(e.start_s < event.start_s for e in self.isolator.events):

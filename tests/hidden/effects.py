@@ -231,7 +231,7 @@ OUTSIDE = _table(
     _outside("commutator_ripple", ("electrical",), ("shaft_angle",), "Rm*(1 + share*sin(bars*phi))",
         Parameter("share", "plant.winding_ripple", "1", 1.4e-3),
         Parameter("bars", "plant.winding_bars", "per motor turn", 7.0, role="shape")),
-    _outside("integral_leak", ("servo",), ("time",), "dI/dt = w_cmd - w - rate*I",
+    _outside("integral_leak", ("servo",), ("current", "speed", "time"), "dI/dt = w_cmd - w - rate*I",
         Parameter("rate", "servo.leak", "1/s", 0.045)),
     _outside("command_steps", ("servo",), ("speed",), "the servo follows w_cmd in whole steps",
         Parameter("step", "servo.command_step", "rad/s", 0.28)),

@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer_fi.improve.moves.lines import lines_of
+from observer_fi.improve.moves.lines import MOST_OF_IT, line_by_move, lines_of
 from observer_fi.improve.moves.misfit import POSITION, channel_excess, excess, raw_excess
 from observer_fi.improve.moves.unexplained import smooth_terms
 from observer_fi.improve.steps import Trial
-from observer_fi.learn import Experiment, FitResult
+from observer_fi.learn import TORQUE, Experiment, FitResult
 from observer_fi.physics import FEWEST_PERIODS
 
 # Of fourteen effects without a ripple (seeds 711007 to 711020) no line with nats to speak of but that of a bent screw is stronger
 # than the sixth strongest by more than half; or a ripple explains the most of the misfit.
-_LINES, _STANDS_OUT, _MOST_OF_IT = 6, 1.8, 0.5
+_LINES, _STANDS_OUT = 6, 1.8
 
 
+SAME_ORDER = 0.01  # relative, within which two lines are one
 _FALL = 0.1  # of the Stribeck torque, by which friction falls somewhere
 
 
@@ -97,14 +98,19 @@ def is_no_scale(experiment: Experiment, trial: Trial[FitResult]) -> bool:
 def is_no_line(experiment: Experiment, fitted: FitResult, trial: Trial[FitResult]) -> bool:
     """Whether a ripple of any order is one of many that do as well, and none of them explains the most of what is left.
 
-    What comes with each start or stop comes at the same angles again and again, and has a little of every order.
+    What comes with each start or stop comes at the same angles again and again, and has a little of every order. Of a ripple of
+    a high order, whose phase is another in every move, a lower one takes what it can.
     """
     if "gear_ripple" not in trial.causes:
         return False
-    if trial.gain >= _MOST_OF_IT * excess(experiment, fitted.residuals):
+    here = trial.fitted.model["gear_order"]
+    other = line_by_move(experiment, fitted, TORQUE)
+    if other is not None and other.gain > trial.gain and abs(other.at - here) > SAME_ORDER * here:
+        return True
+    if trial.gain >= MOST_OF_IT * excess(experiment, fitted.residuals):
         return False
     *lines, background = lines_of(experiment, fitted, _LINES)
-    order = min(lines, key=lambda line: abs(line.at - trial.fitted.model["gear_order"]))
+    order = min(lines, key=lambda line: abs(line.at - here))
     return order.gain < _STANDS_OUT * background.gain
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from observer_fi.improve.freed.freed_equations import WANTED_NATS
 from observer_fi.improve.freed.smoothed_disturbance import Freedom
+from observer_fi.improve.moves.lines import MOST_OF_IT, line_by_move
 from observer_fi.improve.moves.misfit import (
     OF_POSITION,
     POSITION,
@@ -14,9 +15,9 @@ from observer_fi.improve.moves.misfit import (
     position_dust,
     raw_excess,
 )
-from observer_fi.improve.moves.unexplained import price, rest_steps, slow_excess, smooth_terms
+from observer_fi.improve.moves.unexplained import LINES_OF, price, rest_steps, slow_excess, smooth_terms
 from observer_fi.improve.steps import Ladder, Smooth, nameless
-from observer_fi.learn import Experiment, FitResult
+from observer_fi.learn import DISTURBANCES, Experiment, FitResult
 from observer_fi.records import Array
 
 _SENSORS = ("sensor:voltage", "sensor:current")
@@ -41,6 +42,9 @@ def left_over(
     freed = _wanted(experiment, ladder, free)
     if not terms and not freed:
         return tuple(nameless(equation, 0.0, 0.0) for equation in bent(experiment, ladder.extended))
+    line = _line(experiment, ladder.extended)
+    if line is not None and line.gain > max(row.held_out for row in (*terms, *freed)):
+        return (line,)
     if terms and freed and terms[0].held_out >= freed[0].gain:
         return terms
     return (*(row for row in freed if all(row.equation != term.equation for term in terms)), *terms)
@@ -59,6 +63,17 @@ def _wanted(
         return ()
     freed = [row for row in free(fitted)[0] if row.gain >= least]
     return (nameless(freed[0].equation, freed[0].gain, whole),) if freed else ()
+
+
+def _line(experiment: Experiment, fitted: FitResult) -> Smooth | None:
+    """A line over the motor's angle that explains the most of what a fit leaves, if there is one, by its order."""
+    whole = raw_excess(experiment, fitted.residuals)
+    found = [(line_by_move(experiment, fitted, kind), DISTURBANCES[kind].equation) for kind in LINES_OF]
+    lines = [(line, equation) for line, equation in found if line is not None]
+    line, equation = max(lines, key=lambda pair: pair[0].gain, default=(None, ""))
+    if line is None or line.gain < MOST_OF_IT * whole:
+        return None
+    return replace(nameless(equation, line.gain, whole), regressor="shaft_angle", order=line.at)
 
 
 def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smooth, ...]:

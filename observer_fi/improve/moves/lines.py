@@ -1,7 +1,7 @@
-"""Lines in a disturbing torque: at any order of the motor's angle, at any frequency in time.
+"""Lines in a disturbance: at any order of the motor's angle, at any frequency in time.
 
-What a unit of torque at each sample gains is one pass backwards through the linearised motion; its transform over the angle or
-the time then scores every order and frequency at once (order tracking, of irregular samples).
+What a unit of a torque, or of another disturbance, at each sample gains is one pass backwards through the linearised motion; its
+transform over the angle or the time then scores every order and frequency at once (order tracking, of irregular samples).
 """
 
 import math
@@ -14,9 +14,14 @@ from observer_fi.learn import TORQUE, Experiment, FitResult, Linear, gradient, l
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
+_PERIODS_A_MOVE = 10.0  # of a line with a phase of its own in every move: fewer fit whatever a move does
 FEWEST_PERIODS = 3.0  # of a line within what a log covers: less is no line but a slope
 HIGHEST_ORDER = 30.0
 HIGHEST_SHARE = 0.4  # of the sampling rate
+# What is no line gains nearly as much at orders that lie apart by so much: over four effects without a line 1.001 to 1.013 times,
+# over ripples of orders 2.3 to 10, and of a winding's 7, 1.15 to 6.8 times.
+_BESIDE, _MORE_THAN_ELSEWHERE = 0.05, 1.1
+MOST_OF_IT = 0.5  # of a misfit, that a line explains which is told whatever else does
 _CELLS = 20.0  # per period of the highest line
 _FINER = 4  # points of the transform per period in the whole
 _MOST_POINTS = 1 << 21
@@ -33,25 +38,78 @@ class Line(NamedTuple):
     gain: float
 
 
-def lines_of(experiment: Experiment, fitted: FitResult, most: int = 3) -> list[Line]:
-    """The strongest lines over the motor's angle in the torque that a fit leaves."""
+def lines_of(experiment: Experiment, fitted: FitResult, most: int = 3, kind: int = TORQUE) -> list[Line]:
+    """The strongest lines over the motor's angle in the torque, or another of `DISTURBANCES`, that a fit leaves."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     linear = linearised(experiment, fitted.model, states)
-    return order_lines(experiment, Projector(experiment, fitted), linear, states, most)
+    return order_lines(experiment, Projector(experiment, fitted), linear, states, most, kind)
+
+
+def line_by_move(experiment: Experiment, fitted: FitResult, kind: int) -> Line | None:
+    """The strongest line over the motor's angle in a disturbance that a fit leaves, with a phase of its own in every move.
+
+    Errors of the angle add up from move to move: a high order has no phase that all of a log shares. A move tells of orders of
+    which it holds some periods, and the logger some samples a period. None where other orders do as well. gain: less what the
+    phases cost.
+    """
+    turns = np.abs(experiment.peak) / (2.0 * math.pi)
+    at, total = _gains_by_move(experiment, fitted, kind, turns)
+    for k in np.argsort(-total)[: _SPARE * (1 + len(experiment.hum_hz))].tolist():
+        if not _is_hum(experiment, at[k] * turns):
+            elsewhere = total[np.abs(at - at[k]) > _BESIDE * at[k]].max(initial=0.0)
+            return (
+                Line(float(at[k]), float(total[k])) if total[k] > _MORE_THAN_ELSEWHERE * elsewhere else None
+            )
+    return None
+
+
+def _gains_by_move(experiment: Experiment, fitted: FitResult, kind: int, turns: Array) -> tuple[Array, Array]:
+    """Orders (K,), and what a line there gains in every move that tells of it, together. turns (M,): fastest, a second."""
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    linear = linearised(experiment, fitted.model, states)
+    phi, rows = states[:, s.PHI], [experiment.rows(m) for m in range(experiment.moves)]
+    spans = np.maximum([float(np.ptp(phi[move])) for move in rows], 1e-300)
+    lows = _PERIODS_A_MOVE * 2.0 * math.pi / spans
+    highs = np.minimum(HIGHEST_ORDER, _fastest(experiment, turns))
+    use = np.flatnonzero(lows < highs)
+    points = _points_for(float(spans[use].max()), float(highs[use].max())) if use.size else 0
+    if not points:
+        return np.zeros(0), np.zeros(0)
+    r = Projector(experiment, fitted).r[: 3 * experiment.t.size].reshape(-1, 3)
+    pull = gradient(experiment, linear, kind, r)
+    tried = np.geomspace(lows[use].min(), highs[use].max(), _TRIED)
+    answers = np.array([
+        np.sum(response(experiment, linear, kind, waves(phi, k)) ** 2, axis=(0, 2)) for k in tried
+    ])  # fmt: skip
+    price = math.log(int((experiment.weight > 0.0).sum()))
+    at, total = np.zeros(0), np.zeros(points // 2 + 1)
+    for m in use:
+        at, power = _transform(phi[rows[m]], pull[rows[m]], float(highs[use].max()), points)
+        gain = _gain_of(power, at, tried, 0.5 * answers[:, rows[m]].sum(axis=1)) - price
+        total += np.where((at >= lows[m]) & (at <= highs[m]), gain, 0.0)
+    return at, total
 
 
 def order_lines(
-    experiment: Experiment, projector: Projector, linear: Linear, states: Array, most: int = 3
+    experiment: Experiment,
+    projector: Projector,
+    linear: Linear,
+    states: Array,
+    most: int = 3,
+    kind: int = TORQUE,
 ) -> list[Line]:
-    """The strongest lines over the motor's angle, by their order per turn, the best first."""
+    """The strongest lines over the motor's angle, by their order per turn, the best first. kind: of `DISTURBANCES`."""
     phi = states[:, s.PHI]
     span = max(float(np.ptp(phi[experiment.rows(m)])) for m in range(experiment.moves))
     if span <= 0.0:
         return []
     turns = np.abs(experiment.peak) / (2.0 * math.pi)  # a second
-    fastest = HIGHEST_SHARE / _interval(experiment) / max(float(turns.max()), 1e-300)
-    low, high = FEWEST_PERIODS * 2.0 * math.pi / span, min(HIGHEST_ORDER, fastest)
-    found = _lines(experiment, projector, linear, phi, (low, high), most + _SPARE * len(experiment.hum_hz))
+    low, high = (
+        FEWEST_PERIODS * 2.0 * math.pi / span,
+        min(HIGHEST_ORDER, float(_fastest(experiment, turns).min())),
+    )
+    wanted = most + _SPARE * len(experiment.hum_hz)
+    found = _lines(experiment, projector, linear, kind, phi, (low, high), wanted)
     return [line for line in found if not _is_hum(experiment, line.at * turns)][:most]
 
 
@@ -59,8 +117,15 @@ def time_lines(experiment: Experiment, projector: Projector, linear: Linear, mos
     """The strongest lines in time [Hz], the best first, without those of the logger."""
     t = 2.0 * math.pi * experiment.t
     low, high = FEWEST_PERIODS / float(np.ptp(experiment.t)), HIGHEST_SHARE / _interval(experiment)
-    found = _lines(experiment, projector, linear, t, (low, high), most + _SPARE * len(experiment.hum_hz))
+    wanted = most + _SPARE * len(experiment.hum_hz)
+    found = _lines(experiment, projector, linear, TORQUE, t, (low, high), wanted)
     return [line for line in found if not _is_hum(experiment, np.array([line.at]))][:most]
+
+
+def _fastest(experiment: Experiment, turns: Array) -> Array:
+    """The highest order that the logger shows of a motor of so many turns a second."""
+    order: Array = HIGHEST_SHARE / _interval(experiment) / np.maximum(turns, 1e-300)
+    return order
 
 
 def _interval(experiment: Experiment) -> float:
@@ -73,21 +138,21 @@ def _is_hum(experiment: Experiment, hz: Array) -> bool:
 
 
 def _lines(
-    experiment: Experiment, projector: Projector, linear: Linear, over: Array, band: tuple[float, float],
-    most: int,
+    experiment: Experiment, projector: Projector, linear: Linear, kind: int, over: Array,
+    band: tuple[float, float], most: int,
 ) -> list[Line]:  # fmt: skip
     low, high = band
     if high <= low:
         return []
-    pull = gradient(experiment, linear, TORQUE, projector.r[: 3 * experiment.t.size].reshape(-1, 3))
-    at, power = _transform(over, pull, high)
+    pull = gradient(experiment, linear, kind, projector.r[: 3 * experiment.t.size].reshape(-1, 3))
+    at, power = _transform(over, pull, high, _points_for(float(np.ptp(over)), high))
     inside = (at >= low) & (at <= high)
     at, power = at[inside], power[inside]
     if at.size < 3:
         return []
     tried = np.geomspace(low, high, _TRIED)
-    size = np.array([_size(response(experiment, linear, TORQUE, waves(over, k))) for k in tried])
-    gain = 0.5 * power / np.exp(np.interp(np.log(at), np.log(tried), np.log(np.maximum(size, 1e-300))))
+    size = np.array([_size(response(experiment, linear, kind, waves(over, k))) for k in tried])
+    gain = _gain_of(power, at, tried, size)
     apart = _APART * 2.0 * math.pi / max(float(np.ptp(over)), 1e-300)
     found: list[Line] = []
     for k in np.argsort(-gain)[: 50 * most].tolist():
@@ -103,19 +168,30 @@ def waves(over: Array, at: float) -> Array:
     return np.array([np.sin(at * over), np.cos(at * over)])
 
 
+def _gain_of(power: Array, at: Array, tried: Array, size: Array) -> Array:
+    """Nats that a line gains at every order (K,). size: of the answer at those that were tried."""
+    there = np.interp(np.log(np.maximum(at, tried[0])), np.log(tried), np.log(np.maximum(size, 1e-300)))
+    gain: Array = 0.5 * power / np.exp(there)
+    return gain
+
+
 def _size(columns: Array) -> float:
     """Mean over sine and cosine of the squared answer."""
     return float(np.sum(columns**2)) / columns.shape[0]
 
 
-def _transform(over: Array, pull: Array, high: float) -> tuple[Array, Array]:
-    """Lines per unit of `over` up to `high`, and the squared sum of the pull (N,) turned by each."""
+def _points_for(span: float, high: float) -> int:
+    """Points of the transform over a span, for lines per unit up to `high`; 0 where they would be too many."""
+    cells = span * _CELLS * high / (2.0 * math.pi)
+    return 1 << math.ceil(math.log2(_FINER * (cells + 2.0))) if cells < _MOST_POINTS else 0
+
+
+def _transform(over: Array, pull: Array, high: float, points: int) -> tuple[Array, Array]:
+    """Lines per unit of `over` up to `high`, and the squared sum of the pull (N,) turned by each. points: see `_points_for`."""
     cell = 2.0 * math.pi / (_CELLS * high)
-    first = float(over.min())
-    k = np.round((over - first) / cell).astype(np.int64)
-    if k.max() >= _MOST_POINTS:
+    if not points:
         return np.empty(0), np.empty(0)
-    points = 1 << math.ceil(math.log2(_FINER * (int(k.max()) + 1)))
+    k = np.round((over - float(over.min())) / cell).astype(np.int64)
     spectrum = np.fft.rfft(np.bincount(k, pull, minlength=points), points)
     at: Array = 2.0 * math.pi / (points * cell) * np.arange(spectrum.size, dtype=np.float64)
     power: Array = np.square(np.abs(spectrum), dtype=np.float64)

@@ -1,8 +1,9 @@
 """Accepted names that are refuted by what they leave: a law that is right leaves nothing of its equation.
 
 What stands for the truth explains a part of the misfit, often the most of it. Four rests show it: one that is told without a
-curve, or beside one, and is larger than what the name gained; one that is told without a curve, of the name's own equation; one
-of a curve which, in place of the name, explains what both do; and, beside a scale of the position, a curve over the position.
+curve, or beside one, and is larger than what the name gained; one that is told without a curve, or for the servo with one, of the
+name's own equation; one of a curve which, in place of the name, explains what both do; and, beside a scale of the position, a
+curve over the position.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,7 +11,7 @@ from dataclasses import replace
 
 from observer_fi.improve.moves.misfit import OF_POSITION, missed
 from observer_fi.improve.moves.unexplained import price, smooth_terms
-from observer_fi.improve.steps import NOTHING_KNOWN, Ladder, Smooth, Step
+from observer_fi.improve.steps import Ladder, Smooth, Step
 from observer_fi.learn import Experiment, FitResult
 
 _SCALES = {"position_gain", "partial_slip"}  # of the travel, the same everywhere
@@ -28,7 +29,7 @@ def unrefuted(
 
     rest: what is told of the misfit that it leaves, the most telling first. without: a fit less one of the steps.
     """
-    curve = 0.0 if rest[0].regressor == NOTHING_KNOWN else rest[0].gain
+    curve = rest[0].gain if rest[0].at.size else 0.0
     dark = missed(experiment, ladder.extended) - curve
     fitted, gone = ladder.extended, []
     for step in sorted(ladder.steps, key=lambda s: s.trial.gain):
@@ -42,9 +43,13 @@ def unrefuted(
 
 
 def _is_part_of_it(step: Step[FitResult], first: Smooth) -> bool:
-    """Whether an equation that nothing known goes with, and that the data want free, is that of a name."""
+    """Whether an equation that nothing known goes with, and that the data want free, is that of a name.
+
+    A servo's own error goes with whatever a servo does.
+    """
     equations = {candidate.cause.equation for candidate in step.trial.candidates}
-    return first.regressor == NOTHING_KNOWN and first.gain > 0.0 and first.equation in equations
+    nameless = not first.at.size or first.equation == "servo"
+    return nameless and first.gain > 0.0 and first.equation in equations
 
 
 def _is_no_scale(step: Step[FitResult], first: Smooth) -> bool:

@@ -1,6 +1,7 @@
 """What no named cause explains: a smooth term in one equation, against one regressor, judged on held-out moves."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,10 +13,12 @@ from observer_fi.improve.moves.screening import Projector
 from observer_fi.improve.steps import Smooth
 from observer_fi.learn import (
     CURRENT,
+    CURRENT_COMMAND,
     DISTURBANCES,
     FRICTION,
     POSITION,
     RESISTANCE,
+    SPEED_COMMAND,
     TORQUE,
     TRAVEL,
     VOLTAGE,
@@ -23,6 +26,7 @@ from observer_fi.learn import (
     Experiment,
     FitResult,
     Linear,
+    commands,
     linearised,
     response,
     run,
@@ -33,9 +37,11 @@ from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
 KNOTS = 9
+_ERROR_KNOTS = 9  # close to each other where the error is small
 _LEVELS = 6
 _RIDGE = 1e-6
 _SETTLING_S = (1.5, 5.0, 20.0)
+_OF_SERVO = ("time", "speed", "current")
 _BLOCK = 8  # samples, 5 ms: half a turn of the motor at full speed
 _FEWEST_STEPS = 4  # between moves
 _DRAWN = 200  # points of a curve that is drawn from its functions
@@ -43,14 +49,23 @@ _STEP_DOUBT = 1.3  # on the standard error of a step: development seeds without 
 # Of every equation what is disturbed, the second for a torque against the direction of motion.
 KINDS = {
     "torque": (TORQUE, FRICTION), "electrical": (RESISTANCE, WINDING), "kinematics": (TRAVEL,), "sensor:position": (POSITION,),
-    "sensor:current": (CURRENT,), "sensor:voltage": (VOLTAGE,),
+    "sensor:current": (CURRENT,), "sensor:voltage": (VOLTAGE,), "servo": (SPEED_COMMAND, CURRENT_COMMAND),
 }  # fmt: skip
+
+_OF_THEIR_OWN = (
+    WINDING,
+    SPEED_COMMAND,
+    CURRENT_COMMAND,
+)  # whose curves are in a unit that is not their equation's
+
+LINES_OF = {TORQUE: 3, RESISTANCE: 1}  # how many orders of each disturbance are looked at
 
 
 class Shape(NamedTuple):
     """A basis (K, N) over one regressor, over (N,); at (K,): the points, where the coefficients are values of the curve.
 
-    order, frequency_hz: of a line.
+    order, frequency_hz: of a line. servo: what only a servo knows of the regressor, in words; `_OF_SERVO` are the others that
+    it may know.
     """
 
     regressor: str
@@ -59,6 +74,13 @@ class Shape(NamedTuple):
     at: Array | None = None
     order: float | None = None
     frequency_hz: float | None = None
+    servo: str = ""
+
+    def fits(self, equation: str) -> bool:
+        """Whether what an equation misses can go with this regressor: a servo does not know angles, place or pitch."""
+        if equation == "servo":
+            return bool(self.servo) or (self.regressor in _OF_SERVO and self.frequency_hz is None)
+        return not self.servo
 
 
 def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> list[Smooth]:
@@ -70,12 +92,13 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     projector, linear = Projector(experiment, fitted), linearised(experiment, fitted.model, states)
     found = []
     for shape in _shapes(experiment, projector, fitted.model, linear, states):
-        for equation, kinds in KINDS.items():
-            for kind in kinds:
+        for equation in (name for name in KINDS if shape.fits(name)):
+            for kind in KINDS[equation]:
                 columns = response(experiment, linear, kind, shape.basis)
                 term = _judge(experiment, projector, columns, equation, shape, excess)
-                unit = DISTURBANCES[kind].unit if kind == WINDING else ""
-                found.append(replace(term, directed=kind == FRICTION, unit=unit))
+                what = DISTURBANCES[kind] if kind in _OF_THEIR_OWN else None
+                unit, name = (what.unit, what.name) if what else ("", "")
+                found.append(replace(term, directed=kind == FRICTION, unit=unit, what=name, over=shape.servo))
     return sorted(found, key=lambda term: -term.held_out)
 
 
@@ -119,11 +142,14 @@ def _shapes(
     return [
         *(_shape(name, values, orders.get(name)) for name, values in given.items()),
         _pitch_by_speed(given["pitch"], given["speed"]),
+        _tilted(given["pitch"], given["shaft_angle"]),
+        *_of_servo(commands(experiment, model.vector)[1][:, 0] - given["speed"], linear, states),
         Shape("time", decays, experiment.t),
         *(_in_time(line.at, experiment.t) for line in time_lines(experiment, projector, linear)),
         *(
             _of_order(line.at, given["shaft_angle"])
-            for line in order_lines(experiment, projector, linear, states)
+            for kind, most in LINES_OF.items()
+            for line in order_lines(experiment, projector, linear, states, most, kind)
         ),
     ]
 
@@ -163,6 +189,24 @@ def _pitch_by_speed(pitch: Array, speed: Array) -> Shape:
     knots = np.linspace(0.0, float(np.abs(speed).max()), 4)
     hats = [np.interp(np.abs(speed), knots, row) for row in np.eye(knots.size)[1:]]
     return Shape("pitch", np.array([level * hat for level in levels.basis for hat in hats]), pitch)
+
+
+def _tilted(pitch: Array, phi: Array) -> Shape:
+    """A wave over a turn of the motor that is as high as the pitch: what is out of balance in a motor that gravity turns to."""
+    return Shape("shaft_angle", pitch * waves(phi, 1.0), np.remainder(phi, 2.0 * math.pi), order=1.0)
+
+
+def _of_servo(error: Array, linear: Linear, states: Array) -> Iterator[Shape]:
+    """What only a servo knows: the error of the speed (N,), the same while the supply limits the current, the integral."""
+    most = max(float(np.abs(error).max()), 1e-300)
+    at = np.linspace(-1.0, 1.0, _ERROR_KNOTS)
+    at = most * at * np.abs(at)
+    hats = np.array([np.interp(error, at, row) for row in np.eye(at.size)])
+    limited = linear.S[SPEED_COMMAND, :, 1] == 0.0
+    yield Shape("speed", hats, error, at, servo="error of the speed [rad/s]")
+    yield Shape("speed", hats * limited, error, at, servo="error of the speed at the limit [rad/s]")
+    integral = states[:, s.I]
+    yield Shape("current", integral[None], integral, servo="integral of the error [rad]")
 
 
 def _judge(

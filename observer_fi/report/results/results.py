@@ -266,7 +266,7 @@ class Improved(Result):
             )
         left = [
             f"Unexplained: {u.share:.0%} of the residual variance of {learning_report.EQUATIONS[u.equation]} goes with "
-            f"{learning_report.plain(u.regressor)}"
+            f"{learning_report.goes_with(u)}"
             for u in self.record.unexplained
         ]
         return (*told, *left)
