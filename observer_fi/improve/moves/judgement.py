@@ -101,13 +101,18 @@ def is_no_line(experiment: Experiment, fitted: FitResult, trial: Trial[FitResult
     What comes with each start or stop comes at the same angles again and again, and has a little of every order. Of a ripple of
     a high order, whose phase is another in every move, a lower one takes what it can.
     """
-    if "gear_ripple" not in trial.causes:
+    model = trial.fitted.model
+    orders = {
+        "gear_ripple": model["gear_order"], "shaft_ripple": model["shaft_order"],
+        "screw_ripple": 2.0 * math.pi * model["D"] / model["screw_lead"],
+    }  # fmt: skip
+    here = next((orders[name] for name in trial.causes if name in orders), None)
+    if here is None:
         return False
-    here = trial.fitted.model["gear_order"]
     other = line_by_move(experiment, fitted, TORQUE)
     if other is not None and other.gain > trial.gain and abs(other.at - here) > SAME_ORDER * here:
         return True
-    if trial.gain >= MOST_OF_IT * excess(experiment, fitted.residuals):
+    if "gear_ripple" not in trial.causes or trial.gain >= MOST_OF_IT * excess(experiment, fitted.residuals):
         return False
     *lines, background = lines_of(experiment, fitted, _LINES)
     order = min(lines, key=lambda line: abs(line.at - here))

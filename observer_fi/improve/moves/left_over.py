@@ -35,8 +35,9 @@ def left_over(
 ) -> tuple[Smooth, ...]:
     """The smooth terms that the extended model still asks for, the best first; else what it leaves without a name.
 
-    Where an equation that is free explains more than the best of them, it comes first, if it is another's: a curve that has
-    the right regressor explains as much, with fewer numbers. free: which equations the data want to free from a fit.
+    Where an equation that is free explains more than the best of them, it comes first, with its own terms if there are any: a
+    curve that has the right regressor explains as much, with fewer numbers. A line over the motor's angle that explains more
+    than all of them stands alone. free: which equations the data want to free from a fit.
     """
     terms = _smooth_rest(experiment, ladder)
     freed = _wanted(experiment, ladder, free)
@@ -47,7 +48,9 @@ def left_over(
         return (line,)
     if terms and freed and terms[0].held_out >= freed[0].gain:
         return terms
-    return (*(row for row in freed if all(row.equation != term.equation for term in terms)), *terms)
+    freest = {row.equation for row in freed}
+    own = [term for term in terms if term.equation in freest]
+    return (*(own or freed), *(term for term in terms if term.equation not in freest))
 
 
 def _wanted(
