@@ -1,5 +1,7 @@
 """Sensors that stand still to the last digit, and what only looks like one."""
 
+from dataclasses import replace
+
 import hidden
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from observer_fi.physics import load_rig
 from observer_fi.records import Event
 from observer_fi.settings import Settings
 from observer_fi.verdict.diagnosis import diagnose_log
+from observer_fi.verdict.stuck import jump_in
+from pipelines import rigs_study
 
 
 def verdict_on(spec: hidden.TruthSpec, seed: int, logger: str = "ideal") -> Event:
@@ -88,3 +92,51 @@ def test_a_position_that_froze_under_its_noise_is_not_surely_a_lost_coupling() -
     """The friction that is left would be to a percent what it was with the mass."""
     told = verdict_on(hidden.draw_failing_case(310003, "frozen_noisy", "position", 3.0), 310003)
     assert "sensor_fault" in (told.label, *told.alike) and told.probability < 0.95
+
+
+def travelled(seed: int, rate_hz: float, noise_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and a mass that goes 0.2 m within a second between two rests."""
+    t = np.arange(0.0, 2.0, 1.0 / rate_hz)
+    return t, 0.2 * np.clip(t - 0.5, 0.0, 1.0) + np.random.default_rng(seed).normal(0.0, noise_m, t.size)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0, 4800.0])
+@pytest.mark.parametrize("change", [lambda x: 1.5 * x, lambda x: x - 0.08, lambda x: 0.0 * x, lambda x: -x])
+def test_a_position_that_jumps_farther_than_the_mass_can_go_is_found(rate_hz: float, change) -> None:
+    t, x = travelled(11, rate_hz, 1e-5)
+    k = t.size // 2
+    assert jump_in(t, np.where(t > t[k], change(x), x), 0.0, 1e-5, 0.3) == k
+
+
+def test_what_spikes_holds_gaps_and_turns_do_is_no_jump() -> None:
+    t, x = travelled(12, 1000.0, 1e-5)
+    spiked = x.copy()
+    spiked[900:902] += 0.1
+    held = np.repeat(x[::50], 50)
+    gone = (t < 0.7) | (t > 1.2)
+    assert jump_in(t, x, 0.0, 1e-5, 0.3) is None
+    assert jump_in(t, spiked, 0.0, 1e-5, 0.3) is None
+    assert jump_in(t, held, 0.05, 1e-5, 0.3) is None
+    assert jump_in(t[gone], x[gone], 0.0, 1e-5, 0.3) is None
+    assert jump_in(t, np.round(x / 0.02) * 0.02, 0.0, 0.02, 0.3) is None  # in steps
+    assert jump_in(t, np.mod(x, 0.04), 0.0, 1e-5, 0.3) is None  # starts anew with each turn
+    assert jump_in(t, 1e3 * x, 0.0, 1e-2, 0.3) is None  # in mm: whoever wrote the rig file thinks in m
+    assert jump_in(t[:4], x[:4], 0.0, 1e-5, 0.3) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [840006, 846001, 846002])
+@pytest.mark.parametrize("gain", [1.3, 0.5])
+@pytest.mark.first(2)
+def test_a_gain_of_the_position_far_from_its_zero_is_no_lost_coupling(seed: int, gain: float) -> None:
+    """One of 1.3 was, for sure, where the mass had gone 0.2 m of its travel."""
+    actuator = hidden.draw_actuator(seed, "current")
+    rig = rigs_study._learned(actuator)
+    spec = hidden.fault_spec(actuator, "sensor_fault", seed)
+    fault = hidden.Fault("sensor_fault", spec.fault.onset_s, "gain", "position", gain)
+    frame, truth = hidden.actuator_log(actuator, replace(spec, fault=fault), seed + 1)
+    isolation = diagnose_log(rigs_study._read(frame, rig), rig, Settings()).isolation
+    assert isolation is not None
+    verdict = isolation.verdict
+    assert (verdict.label, verdict.channel) == ("sensor_fault", "position")
+    assert verdict.onset_s == pytest.approx(truth["onset_s"], abs=2e-3)

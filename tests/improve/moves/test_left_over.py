@@ -20,7 +20,7 @@ LEFT_OVER = sys.modules["observer_fi.improve.moves.left_over"]
     ("explained", "wanted", "told"),
     [
         (3e4, "servo", ["servo", "torque"]),
-        (3e4, "torque", ["torque"]),
+        (3e4, "torque", ["torque"]),  # its own term tells more than the equation alone
         (1.2e5, "servo", ["torque"]),
         (None, "servo", ["servo"]),
     ],

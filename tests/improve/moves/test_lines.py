@@ -8,10 +8,10 @@ import pytest
 from campaigns import RIG, campaign
 
 from observer_fi.improve import improve
-from observer_fi.improve.moves.lines import order_lines, time_lines
+from observer_fi.improve.moves.lines import line_by_move, order_lines, time_lines
 from observer_fi.improve.moves.rig_refit import refit_of_the_rig
 from observer_fi.improve.moves.screening import Projector
-from observer_fi.learn import TORQUE, gradient, linearised, prepare, response, run
+from observer_fi.learn import RESISTANCE, TORQUE, gradient, linearised, prepare, response, run
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import load_rig, with_values
 from observer_fi.records import Log
@@ -58,6 +58,55 @@ def test_no_line_where_there_is_none(seed: int) -> None:
     projector = Projector(experiment, fitted)
     lines = [*order_lines(experiment, projector, linear, states), *time_lines(experiment, projector, linear)]
     assert all(line.gain < 20.0 for line in lines)
+
+
+def hidden_line(seed: int, cause: str, **values: float):
+    """As `around`, of the independent truth with a line over the motor's angle; its start is another in every move."""
+    spec = replace(hidden.draw_effects_case(seed, (), 0.0), effects=(hidden.effect(cause, **values),))
+    return around(log_from_frame(hidden.make_log(spec, seed)[0]))
+
+
+@pytest.mark.parametrize("seed", [7321, 7322, 7323, 7324])
+@pytest.mark.first(1)
+def test_a_line_of_a_high_order_has_a_phase_of_its_own_in_every_move(seed: int) -> None:
+    """Orders above six were lower ones that took a part of them."""
+    rng = np.random.default_rng(seed)
+    order = float(rng.uniform(5.0, 12.0))
+    experiment, fitted, _, _ = hidden_line(seed, "shaft_ripple", amplitude=1.6e-5, order=order, phase=1.0)
+    found = line_by_move(experiment, fitted, TORQUE)
+    assert found is not None
+    assert found.at == pytest.approx(order, abs=0.01)
+    assert found.gain > 100.0
+
+
+@pytest.mark.parametrize("seed", [7331, 7332, 7333])
+@pytest.mark.first(1)
+def test_a_line_of_the_winding_is_found_with_its_order(seed: int) -> None:
+    bars = float(np.random.default_rng(seed).integers(3, 9))
+    experiment, fitted, _, _ = hidden_line(seed, "commutator_ripple", share=4.2e-3, bars=bars)
+    found = line_by_move(experiment, fitted, RESISTANCE)
+    assert found is not None
+    assert found.at == pytest.approx(bars, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("cause", "size"),
+    [
+        ("supply_sag", 10.0),
+        ("spring", 3.0),
+        ("kp_by_error", 3.0),
+        ("frozen_integral", 10.0),
+        ("torque_bump", 10.0),
+    ],
+)
+@pytest.mark.first(1)
+def test_what_is_no_line_has_none_that_most_of_it_goes_with(cause: str, size: float) -> None:
+    spec = hidden.draw_effects_case(7341, (cause,), size)
+    experiment, fitted, _, _ = around(log_from_frame(hidden.make_log(spec, 7341)[0]))
+    left = 0.5 * float(np.sum(fitted.residuals**2) - np.sum(experiment.weight > 0.0))
+    for kind in (TORQUE, RESISTANCE):
+        found = line_by_move(experiment, fitted, kind)
+        assert found is None or found.gain < 0.5 * left
 
 
 @pytest.mark.slow

@@ -23,7 +23,13 @@ FAINT = ("position_hysteresis", "lead_swing")  # what is told of them at their d
 
 
 def curve(equation: str, gain: float) -> Smooth:
-    return Smooth(equation, "speed", False, gain, gain, 0.9, NOTHING, NOTHING, NOTHING, 9)
+    at = np.array([0.0, 1.0])
+    return Smooth(equation, "speed", False, gain, gain, 0.9, at, at, at, 9)
+
+
+def line(equation: str, gain: float) -> Smooth:
+    """A line over the motor's angle, which has a gain and no curve."""
+    return replace(nameless(equation, gain, gain), regressor="shaft_angle", order=9.0)
 
 
 def step_of(cause: str, gain: float) -> Step:
@@ -42,6 +48,8 @@ def step_of(cause: str, gain: float) -> Step:
         (300.0, [nameless("torque", 250.0, 300.0)], 0.0, []),  # its own equation is not yet right
         (300.0, [nameless("servo", 250.0, 300.0)], 0.0, ["viscous_friction"]),
         (300.0, [nameless("torque", 0.0, 0.0)], 0.0, ["viscous_friction"]),  # only bent, not wanted
+        (300.0, [line("torque", 250.0)], 0.0, []),
+        (300.0, [line("electrical", 250.0)], 0.0, ["viscous_friction"]),
     ],
 )  # fmt: skip
 def test_a_name_stands_by_what_it_leaves(
@@ -110,3 +118,16 @@ def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause:
     ladder = problem.reconsidered(name_causes(problem))
     assert ladder.steps == ()
     assert problem.unexplained(ladder)[0].equation in hidden.ALL[cause].equations
+
+
+@pytest.mark.parametrize(("cause", "kept"), [("input_delay", []), ("viscous_friction", ["viscous_friction"])])
+def test_what_a_servo_misses_over_its_own_error_refutes_a_name_of_the_servo(
+    cause: str, kept: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command behind a low-pass was an `input_delay`, which explains 98 % of it."""
+    monkeypatch.setattr(REFUTED, "missed", lambda *_: 300.0)
+    monkeypatch.setattr(REFUTED, "smooth_terms", lambda *_: [curve("torque", 0.0)])
+    baseline, extended = SimpleNamespace(objective=1300.0), SimpleNamespace(objective=300.0)
+    ladder = Ladder(baseline, extended, (step_of(cause, 1000.0),), (extended,), (), ())
+    found = unrefuted(EXPERIMENT, ladder, [curve("servo", 250.0)], lambda *_: baseline)
+    assert [name for step in found.steps for name in step.trial.causes] == kept

@@ -2,18 +2,26 @@
 
 from dataclasses import replace
 
+import hidden
 import numpy as np
 import pytest
 from campaigns import RIG, campaign
 
 from observer_fi.improve.moves.rig_refit import base_parameters
-from observer_fi.improve.moves.unexplained import KINDS, response, rest_steps, slow_excess
+from observer_fi.improve.moves.unexplained import KINDS, response, rest_steps, slow_excess, smooth_terms
 from observer_fi.learn.linear import RESISTANCE, TORQUE, TRAVEL, linearised
 from observer_fi.learn.move_data import prepare, run, simulate, whitened
 from observer_fi.learn.output_error import fit
+from observer_fi.logs import log_from_frame
 from observer_fi.logs.moves import moves_from_rest
 from observer_fi.physics.rigs import override
 
+# What a servo may do that has no name, and what it goes with in words.
+OF_A_SERVO = {
+    "kp_by_error": "error of the speed [rad/s]",
+    "frozen_integral": "error of the speed at the limit [rad/s]",
+    "integral_leak": "integral of the error [rad]",
+}
 LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
 
 
@@ -76,3 +84,25 @@ def test_moves_that_no_fit_took_are_no_steps_of_the_sensor():
     experiment = prepare([LOG], RIG, [cut[::2]])
     found = rest_steps(experiment, fit(experiment, RIG.model, base_parameters(RIG, RIG.model)))
     assert all(term.held_out < 5.0 for term in found)
+
+
+@pytest.mark.parametrize("cause", OF_A_SERVO)
+@pytest.mark.parametrize("seed", [7401, 7402])
+@pytest.mark.first(2)
+def test_what_a_servo_misses_goes_with_its_own_error(cause: str, seed: int) -> None:
+    """It was a torque over speed, load or pitch, or nothing."""
+    spec = hidden.draw_effects_case(seed, (cause,), 10.0)
+    experiment = prepare([log_from_frame(hidden.make_log(spec, seed)[0])], RIG)
+    fitted = fit(experiment, RIG.model, base_parameters(RIG, RIG.model))
+    best = smooth_terms(experiment, fitted, 1.0)[0]
+    assert (best.equation, best.over) == ("servo", OF_A_SERVO[cause])
+    assert best.unit in ("rad/s", "A")
+    assert not best.can_be_kept
+
+
+def test_an_unbalance_that_gravity_turns_is_a_wave_over_the_angle_as_high_as_the_pitch() -> None:
+    spec = hidden.draw_effects_case(7411, ("tilted_unbalance",), 10.0)
+    experiment = prepare([log_from_frame(hidden.make_log(spec, 7411)[0])], RIG)
+    fitted = fit(experiment, RIG.model, base_parameters(RIG, RIG.model))
+    best = smooth_terms(experiment, fitted, 1.0)[0]
+    assert (best.equation, best.regressor, best.order) == ("torque", "shaft_angle", 1.0)
