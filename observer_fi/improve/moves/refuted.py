@@ -1,9 +1,9 @@
 """Accepted names that are refuted by what they leave: a law that is right leaves nothing of its equation.
 
-What stands for the truth explains a part of the misfit, often the most of it. Four rests show it: one that is told without a
-curve, or beside one, and is larger than what the name gained; one that is told without a curve, or for the servo with one, of the
-name's own equation; one of a curve which, in place of the name, explains what both do; and, beside a scale of the position, a
-curve over the position.
+What stands for the truth explains a part of the misfit, often the most of it. Five rests show it: one that is told without a
+curve, or beside one, and is larger than what the name gained; one that is told without a curve, or for the servo with one, of
+the name's own equation; one of a curve which, in place of the name, explains what both do; one of a curve over what the name
+goes with itself; and, beside a scale of the position, a curve over the position.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +16,13 @@ from observer_fi.learn import Experiment, FitResult
 
 _SCALES = {"position_gain", "partial_slip"}  # of the travel, the same everywhere
 _ALONG = ("position", "screw_angle")
+# What a law that is right leaves nothing of: a curve over what it goes with itself, of so much of its gain.
+_LAWS = {
+    "load_dependent_friction": ("load", "current"), "position_dependent_friction": ("position",), "viscous_friction": ("speed",),
+    "stribeck_friction": ("speed",), "friction_warmup": ("time", "temperature"), "winding_heating": ("time", "temperature"),
+    "brush_drop": ("current", "load"), "gravity_nonlinearity": ("pitch",),
+}  # fmt: skip
+_LEFT_OF_IT = 0.05
 _MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides
 
 
@@ -36,6 +43,7 @@ def unrefuted(
         before = without(fitted, step)
         gain = before.objective - fitted.objective
         refuted = gain < dark or _is_part_of_it(step, rest[0]) or _is_no_scale(step, rest[0])
+        refuted = refuted or _is_another_law(step, gain, rest[0])
         if refuted or _is_needless(experiment, before, gain, curve):
             fitted = before
             gone.append(step)
@@ -50,6 +58,17 @@ def _is_part_of_it(step: Step[FitResult], first: Smooth) -> bool:
     equations = {candidate.cause.equation for candidate in step.trial.candidates}
     nameless = not first.at.size or first.equation == "servo"
     return nameless and first.gain > 0.0 and first.equation in equations
+
+
+def _is_another_law(step: Step[FitResult], gain: float, first: Smooth) -> bool:
+    """Whether a curve over what a name goes with, in its own equation, is still wanted beside it [nats]."""
+    causes = [candidate.cause for candidate in step.trial.candidates]
+    own = [
+        cause.equation == first.equation and first.regressor in _LAWS.get(cause.name, ()) for cause in causes
+    ]
+    if len(causes) > 1 or not all(own):
+        return False
+    return first.gain > _LEFT_OF_IT * gain
 
 
 def _is_no_scale(step: Step[FitResult], first: Smooth) -> bool:

@@ -131,3 +131,22 @@ def test_what_a_servo_misses_over_its_own_error_refutes_a_name_of_the_servo(
     ladder = Ladder(baseline, extended, (step_of(cause, 1000.0),), (extended,), (), ())
     found = unrefuted(EXPERIMENT, ladder, [curve("servo", 250.0)], lambda *_: baseline)
     assert [name for step in found.steps for name in step.trial.causes] == kept
+
+
+@pytest.mark.parametrize(
+    ("regressor", "gain", "kept"),
+    [("load", 150.0, False), ("current", 150.0, False), ("load", 30.0, True), ("position", 150.0, True)],
+)
+def test_a_curve_over_what_a_name_goes_with_says_that_its_law_is_another(
+    regressor: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A friction that grows with the electrical power was one that grows with the load, beside a curve over the load."""
+    monkeypatch.setattr(REFUTED, "missed", lambda *_: 300.0)
+    monkeypatch.setattr(REFUTED, "smooth_terms", lambda *_: [curve("torque", 0.0)])
+    baseline, extended = SimpleNamespace(objective=1300.0), SimpleNamespace(objective=300.0)
+    step = step_of("load_dependent_friction", 1000.0)
+    rest = [replace(curve("torque", gain), regressor=regressor)]
+    found = unrefuted(
+        EXPERIMENT, Ladder(baseline, extended, (step,), (extended,), (), ()), rest, lambda *_: baseline
+    )
+    assert bool(found.steps) is kept
