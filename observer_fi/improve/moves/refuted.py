@@ -21,6 +21,7 @@ _LAWS = {
     "load_dependent_friction": ("load", "current"), "position_dependent_friction": ("position",), "viscous_friction": ("speed",),
     "stribeck_friction": ("speed",), "friction_warmup": ("time", "temperature"), "winding_heating": ("time", "temperature"),
     "brush_drop": ("current", "load"), "gravity_nonlinearity": ("pitch",),
+    "position_periodic_error": ("position", "screw_angle"),
 }  # fmt: skip
 _LEFT_OF_IT = 0.05
 _MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides

@@ -134,18 +134,25 @@ def test_what_a_servo_misses_over_its_own_error_refutes_a_name_of_the_servo(
 
 
 @pytest.mark.parametrize(
-    ("regressor", "gain", "kept"),
-    [("load", 150.0, False), ("current", 150.0, False), ("load", 30.0, True), ("position", 150.0, True)],
+    ("cause", "regressor", "gain", "kept"),
+    [
+        ("load_dependent_friction", "load", 150.0, False),
+        ("load_dependent_friction", "current", 150.0, False),
+        ("load_dependent_friction", "load", 30.0, True),
+        ("load_dependent_friction", "position", 150.0, True),
+        ("position_periodic_error", "position", 150.0, False),
+        ("position_periodic_error", "time", 150.0, True),
+    ],
 )
 def test_a_curve_over_what_a_name_goes_with_says_that_its_law_is_another(
-    regressor: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+    cause: str, regressor: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A friction that grows with the electrical power was one that grows with the load, beside a curve over the load."""
     monkeypatch.setattr(REFUTED, "missed", lambda *_: 300.0)
     monkeypatch.setattr(REFUTED, "smooth_terms", lambda *_: [curve("torque", 0.0)])
     baseline, extended = SimpleNamespace(objective=1300.0), SimpleNamespace(objective=300.0)
-    step = step_of("load_dependent_friction", 1000.0)
-    rest = [replace(curve("torque", gain), regressor=regressor)]
+    step = step_of(cause, 1000.0)
+    rest = [replace(curve(CAUSES[cause].equation, gain), regressor=regressor)]
     found = unrefuted(
         EXPERIMENT, Ladder(baseline, extended, (step,), (extended,), (), ()), rest, lambda *_: baseline
     )
