@@ -22,6 +22,7 @@ HIGHEST_SHARE = 0.4  # of the sampling rate
 # 0.08 for a spring or a sagging supply, which many orders explain, and anything where no line explains the most of it. It does
 # so in 0.89 to 1 of the moves; what is taken for a line of another order in 0.55 to 0.78.
 _CLOSE_BY, _ABOVE_THESE, _IN_MOVES = (0.01, 0.05), 0.2, 0.85
+_HIGHER = 0.05  # of its gain, that another order may gain more in slow moves: one too high for the fast moves' samples is the line
 MOST_OF_IT = 0.5  # of a misfit, that a line explains which is told whatever else does
 _CELLS = 20.0  # per period of the highest line
 _FINER = 4  # points of the transform per period in the whole
@@ -63,6 +64,11 @@ def line_by_move(experiment: Experiment, fitted: FitResult, kind: int) -> Line |
             telling = gains[:, k] != 0.0
             higher = gains[telling, k] > np.median(around[telling], axis=1)
             stands_out = float(np.median(around.sum(axis=0))) < (1.0 - _ABOVE_THESE) * total[k]
+            highest = np.flatnonzero(gains.any(axis=0))[-1]
+            slow = gains[gains[:, highest] != 0.0].sum(
+                axis=0
+            )  # moves that tell of orders which fast ones do not show
+            stands_out &= bool(slow.max() - slow[k] < _HIGHER * total[k])
             return Line(float(at[k]), float(total[k])) if stands_out and higher.mean() > _IN_MOVES else None
     return None
 

@@ -20,7 +20,6 @@ from observer_fi.physics.rigs import override
 OF_A_SERVO = {
     "kp_by_error": "error of the speed [rad/s]",
     "frozen_integral": "error of the speed at the limit [rad/s]",
-    "integral_leak": "integral of the error [rad]",
 }
 LOG = campaign(seed=21, speeds=(410.0, 200.0, 90.0))
 
