@@ -22,7 +22,7 @@ HIGHEST_SHARE = 0.4  # of the sampling rate
 # 0.08 for a spring or a sagging supply, which many orders explain, and anything where no line explains the most of it. It does
 # so in 0.89 to 1 of the moves; what is taken for a line of another order in 0.55 to 0.78.
 _CLOSE_BY, _ABOVE_THESE, _IN_MOVES = (0.01, 0.05), 0.2, 0.85
-_HIGHER = 0.05  # of its gain, that another order may gain more in slow moves: one too high for the fast moves' samples is the line
+_HIGHER = 0.05  # of its gain, that another order may gain more in slow moves: one that fast moves do not show is the line
 MOST_OF_IT = 0.5  # of a misfit, that a line explains which is told whatever else does
 _CELLS = 20.0  # per period of the highest line
 _FINER = 4  # points of the transform per period in the whole
