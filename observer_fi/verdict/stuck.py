@@ -16,9 +16,7 @@ from observer_fi.verdict.drift import mostly
 # Readings that stand for so long in motion that their noise does so once in e^30 are those of a dead sensor; noise of which a
 # step is at most STEPS repeats a reading half the time at most, wherever between two steps the signal stands.
 DEAD_NATS, REPEATS, STEPS = 30.0, 0.5, 1.5
-EARLIER_S = (
-    0.1  # by which a fault that has a name begins before a sensor fails that has nothing to do with it
-)
+EARLIER_S = 0.1  # by which a fault that has a name begins before a sensor fails of itself
 POSITION = CHANNELS.index("position")
 # A position is that of a failing sensor where it goes so many times as far as the motor, without a load, and the noise take it,
 # and stays there, over AROUND readings either side; one that does so more often starts anew with each turn, or loses contact.

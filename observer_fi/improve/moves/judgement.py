@@ -18,7 +18,7 @@ from observer_fi.physics import FEWEST_PERIODS
 _LINES, _STANDS_OUT = 6, 1.8
 
 
-SAME_ORDER = 0.01  # relative, within which two lines are one
+_SAME_ORDER = 0.01  # relative, within which two lines are one
 _FALL = 0.1  # of the Stribeck torque, by which friction falls somewhere
 
 
@@ -110,7 +110,7 @@ def is_no_line(experiment: Experiment, fitted: FitResult, trial: Trial[FitResult
     if here is None:
         return False
     other = line_by_move(experiment, fitted, TORQUE)
-    if other is not None and other.gain > trial.gain and abs(other.at - here) > SAME_ORDER * here:
+    if other is not None and other.gain > trial.gain and abs(other.at - here) > _SAME_ORDER * here:
         return True
     if "gear_ripple" not in trial.causes or trial.gain >= MOST_OF_IT * excess(experiment, fitted.residuals):
         return False

@@ -40,11 +40,11 @@ class Line(NamedTuple):
     gain: float
 
 
-def lines_of(experiment: Experiment, fitted: FitResult, most: int = 3, kind: int = TORQUE) -> list[Line]:
-    """The strongest lines over the motor's angle in the torque, or another of `DISTURBANCES`, that a fit leaves."""
+def lines_of(experiment: Experiment, fitted: FitResult, most: int = 3) -> list[Line]:
+    """The strongest lines over the motor's angle in the torque that a fit leaves."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     linear = linearised(experiment, fitted.model, states)
-    return order_lines(experiment, Projector(experiment, fitted), linear, states, most, kind)
+    return order_lines(experiment, Projector(experiment, fitted), linear, states, most)
 
 
 def line_by_move(experiment: Experiment, fitted: FitResult, kind: int) -> Line | None:
@@ -59,18 +59,21 @@ def line_by_move(experiment: Experiment, fitted: FitResult, kind: int) -> Line |
     total = gains.sum(axis=0)
     for k in np.argsort(-total)[: _SPARE * (1 + len(experiment.hum_hz))].tolist():
         if total[k] > 0.0 and not _is_hum(experiment, at[k] * turns):
-            off = np.abs(at / at[k] - 1.0)
-            around = gains[:, (off > _CLOSE_BY[0]) & (off < _CLOSE_BY[1])]
-            telling = gains[:, k] != 0.0
-            higher = gains[telling, k] > np.median(around[telling], axis=1)
-            stands_out = float(np.median(around.sum(axis=0))) < (1.0 - _ABOVE_THESE) * total[k]
-            highest = np.flatnonzero(gains.any(axis=0))[-1]
-            slow = gains[gains[:, highest] != 0.0].sum(
-                axis=0
-            )  # moves that tell of orders which fast ones do not show
-            stands_out &= bool(slow.max() - slow[k] < _HIGHER * total[k])
-            return Line(float(at[k]), float(total[k])) if stands_out and higher.mean() > _IN_MOVES else None
+            return Line(float(at[k]), float(total[k])) if _stands_out(at, gains, k) else None
     return None
+
+
+def _stands_out(at: Array, gains: Array, k: int) -> bool:
+    """Whether order k of orders (K,) gains more than those close by, in all and in nearly every move of gains (M, K), and as much
+    as any in slow moves: these tell of orders that fast ones do not show.
+    """
+    total, off = gains.sum(axis=0), np.abs(at / at[k] - 1.0)
+    close_by = gains[:, (off > _CLOSE_BY[0]) & (off < _CLOSE_BY[1])]
+    telling = gains[:, k] != 0.0
+    in_moves = np.mean(gains[telling, k] > np.median(close_by[telling], axis=1))
+    slow = gains[gains[:, np.flatnonzero(gains.any(axis=0))[-1]] != 0.0].sum(axis=0)
+    above = np.median(close_by.sum(axis=0)) < (1.0 - _ABOVE_THESE) * total[k]
+    return bool(above and in_moves > _IN_MOVES and slow.max() - slow[k] < _HIGHER * total[k])
 
 
 def _gains_by_move(experiment: Experiment, fitted: FitResult, kind: int, turns: Array) -> tuple[Array, Array]:

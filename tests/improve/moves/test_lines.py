@@ -81,10 +81,10 @@ def test_a_line_of_a_high_order_has_a_phase_of_its_own_in_every_move() -> None:
 
 @pytest.mark.slow
 def test_a_line_of_a_high_order_is_told_with_its_order_or_not_at_all() -> None:
-    """Near the highest order that the logger shows of the fastest moves another one was told: two of eight. Now one of 16."""
-    errors = np.abs([off_by(seed) for seed in range(7351, 7359)])
+    """Near the highest order that the logger shows of the fastest moves another one was told: two of eight. Of these 16 one."""
+    errors = np.abs([off_by(seed) for seed in (*range(7351, 7359), *range(7361, 7369))])
     assert (errors > 0.01).sum() <= 1
-    assert (errors < 0.01).sum() >= 3
+    assert (errors < 0.01).sum() >= 5
 
 
 @pytest.mark.parametrize("seed", [7331, 7332, 7333])
