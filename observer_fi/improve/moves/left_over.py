@@ -10,6 +10,7 @@ from observer_fi.improve.moves.misfit import (
     OF_POSITION,
     POSITION,
     bent,
+    clear,
     dust,
     excess,
     position_dust,
@@ -59,7 +60,7 @@ def _wanted(
     """The equation that the data still want free, though nothing known goes with it, if there is one."""
     fitted = ladder.extended
     most = excess(experiment, ladder.baseline.residuals) if ladder.steps else 0.0
-    least = max(WANTED_NATS, _CLEARLY * dust(experiment, most))
+    least = max(WANTED_NATS, min(_CLEARLY * dust(experiment, most), clear(experiment)))
     whole = raw_excess(experiment, fitted.residuals)
     below = whole < -_BELOW * int((experiment.weight > 0.0).sum())  # noise of the logger that is not white
     if below or slow_excess(experiment, fitted.residuals) <= _SLOW_SHARE * least:

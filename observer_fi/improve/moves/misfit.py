@@ -10,6 +10,7 @@ from observer_fi.records import Array
 
 _DUST = 0.001
 _DUST_NOISE = 0.07
+_CLEAR_NOISE = 0.25
 POSITION = 2  # channel
 OF_POSITION = ("kinematics", "sensor:position")  # equations that only this channel shows
 _CARRIED = ("backlash", "position_lag")  # effects by which a move goes on from all those before it
@@ -30,6 +31,11 @@ def dust(experiment: Experiment, most: float) -> float:
     0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise.
     """
     return max(_DUST * most, 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum()))
+
+
+def clear(experiment: Experiment) -> float:
+    """Nats from which on a misfit is said, however little it is of what was named: a quarter of the noise."""
+    return 0.5 * _CLEAR_NOISE**2 * int((experiment.weight > 0.0).sum())
 
 
 def position_dust(experiment: Experiment, most: float) -> float:

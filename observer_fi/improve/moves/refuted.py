@@ -24,6 +24,7 @@ _LAWS = {
     "position_periodic_error": ("position", "screw_angle"),
 }  # fmt: skip
 _LEFT_OF_IT = 0.05
+_TIMING = 0.002
 _MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides
 
 
@@ -43,7 +44,7 @@ def unrefuted(
     for step in sorted(ladder.steps, key=lambda s: s.trial.gain):
         before = without(fitted, step)
         gain = before.objective - fitted.objective
-        refuted = gain < dark or _is_part_of_it(step, rest[0]) or _is_no_scale(step, rest[0])
+        refuted = gain < dark or _is_part_of_it(step, gain, rest[0]) or _is_no_scale(step, rest[0])
         refuted = refuted or _is_another_law(step, gain, rest[0])
         if refuted or _is_needless(experiment, before, gain, curve):
             fitted = before
@@ -51,14 +52,14 @@ def unrefuted(
     return _less(ladder, fitted, gone)
 
 
-def _is_part_of_it(step: Step[FitResult], first: Smooth) -> bool:
-    """Whether an equation that nothing known goes with, and that the data want free, is that of a name.
+def _is_part_of_it(step: Step[FitResult], gain: float, first: Smooth) -> bool:
+    """Whether an equation that nothing known goes with, and that the data want free, is that of a name [nats].
 
-    A servo's own error goes with whatever a servo does.
+    A servo's own error goes with whatever a servo does. Of a gross effect the timing of a servo leaves a thousandth.
     """
     equations = {candidate.cause.equation for candidate in step.trial.candidates}
     nameless = not first.at.size or first.equation == "servo"
-    return nameless and first.gain > 0.0 and first.equation in equations
+    return nameless and first.gain > max(_TIMING * gain, 0.0) and first.equation in equations
 
 
 def _is_another_law(step: Step[FitResult], gain: float, first: Smooth) -> bool:
