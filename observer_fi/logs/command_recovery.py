@@ -17,7 +17,7 @@ from observer_fi.logs.command_shape import Level, Shown, as_shown
 from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, position_speed
-from observer_fi.numerics import constant_runs, filled, resolution_of
+from observer_fi.numerics import constant_runs, correlation_time, filled, resolution_of
 from observer_fi.physics import UNLEARNED, Model, Rig, commanded, override, speed
 from observer_fi.records import Array, Log
 
@@ -433,9 +433,18 @@ def _is_rest(level: Level, top: float, log: Log, model: Model, noise: float) -> 
     if not low or not head.size or not tail.size:
         return False
     seconds = 0.75 * float(log.t[level.last] - log.t[level.first])
-    error = float(np.sqrt(head.var() / head.size + tail.var() / tail.size))
+    error = math.hypot(_error_of_mean(head), _error_of_mean(tail))
     moved = abs(float(tail.mean() - head.mean()))
     return moved < 0.3 * model["D"] * abs(level.seen) * seconds + 3.0 * error
+
+
+def _error_of_mean(y: Array) -> float:
+    """Standard error of the mean of y (n,), about a line: noise that wanders tells less than as many readings alone."""
+    if y.size < FEWEST_IN_BLOCK:
+        return float(y.std())
+    at = np.linspace(-1.0, 1.0, y.size)
+    off = y - y.mean() - at * float(at @ y) / float(at @ at)
+    return math.sqrt(off.var() / y.size * max(correlation_time(off, y.size // 4), 1.0))
 
 
 def _draws_nothing(current: Array, level: Level) -> bool:

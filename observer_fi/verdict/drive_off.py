@@ -28,19 +28,27 @@ def is_off(log: Log, noise: Array) -> NDArray[np.bool_]:
     """(n,) whether a sample is of a rest in which the drive has been switched off."""
     still = np.flatnonzero(np.diff(np.concatenate(([False], log.w_cmd == 0.0, [False])).astype(np.int8)))
     off = np.zeros(log.t.size, dtype=bool)
+    zero = zero_of(log.z[: int(np.argmax(log.w_cmd != 0.0)), :2])
     for first, end in zip(still[::2].tolist(), still[1::2].tolist(), strict=True):
         if first > 0:
-            off[first + until_off(log.z[first:end, :2], noise[:2], 1.0 / log.rate_hz) : end] = True
+            off[first + until_off(log.z[first:end, :2], noise[:2], 1.0 / log.rate_hz, zero) : end] = True
     return off
 
 
-def until_off(electrical: Array, noise: Array, interval: float) -> int:
+def zero_of(before: Array) -> Array:
+    """(2,) what voltage and current (n, 2) read in the rest before the first move, where the drive may be off; NaN for none."""
+    return np.median(_filled(before), axis=0) if len(before) > OFF else np.full(2, np.nan)
+
+
+def until_off(electrical: Array, noise: Array, interval: float, zero: Array) -> int:
     """Samples (n, 2) of voltage and current at rest until the drive is switched off: both drop to nothing at once, and stay.
 
     From there on the motor coasts, and the readings tell of no actuator. Readings may be held, filtered and offset.
+    zero (2,): see `zero_of`.
     """
     z = _filled(electrical / noise)
-    z = z[:, np.isfinite(z[-1:]).all(axis=0)]
+    there = np.isfinite(z[-1:]).all(axis=0)
+    z = z[:, there]
     if len(z) <= OFF or not z.size:
         return len(electrical)
     level = np.median(z[-OFF:], axis=0)  # zero, but for offsets
@@ -50,13 +58,13 @@ def until_off(electrical: Array, noise: Array, interval: float) -> int:
     first = int(alive[-1]) + 2 if alive.size else 0
     before = max(first - max(round(DROP_S / interval), 2), 0)
     dropped = 0 < first <= len(z) - OFF and np.nanmax(sizes[before:first]) > DROP
-    return before if dropped and np.max(np.abs(level)) < OFFSETS else len(electrical)
+    return before if dropped and _is_nothing(level, (zero / noise)[there]) else len(electrical)
 
 
-def goes_off(electrical: Array, noise: Array, at: int, interval: float) -> bool:
+def goes_off(electrical: Array, noise: Array, at: int, interval: float, zero: Array) -> bool:
     """Whether voltage and current (n, 2) at rest are nothing but offsets from sample `at` on, and were something before.
 
-    A motor that sticks at no current looks the same: nothing else speaks for a fault there.
+    A motor that sticks at no current looks the same: nothing else speaks for a fault there. zero (2,): see `zero_of`.
     """
     z, around = _filled(electrical / noise), max(round(DROP_S / interval), 2)
     after, before = z[at + around :], z[max(at - around, 0) : at + around]
@@ -65,16 +73,24 @@ def goes_off(electrical: Array, noise: Array, at: int, interval: float) -> bool:
         return False
     level = np.median(after[:, there], axis=0)
     silent = np.mean(np.abs(after[:, there] - level) < NOTHING) > ALL
-    return bool(
-        silent and np.max(np.abs(level)) < OFFSETS and np.nanmax(np.abs(before[:, there] - level)) > NOTHING
-    )
+    changed = np.nanmax(np.abs(before[:, there] - level)) > NOTHING
+    return bool(silent and changed and _is_nothing(level, (zero / noise)[there]))
 
 
-def may_be_off(electrical: Array, noise: Array) -> bool:
-    """Whether samples (n, 2) of voltage and current end with nothing in them, but for offsets: the drive may have been off."""
+def may_be_off(electrical: Array, noise: Array, zero: Array) -> bool:
+    """Whether samples (n, 2) of voltage and current end with nothing in them, but for offsets: the drive may have been off.
+
+    zero (2,): see `zero_of`.
+    """
     z = _filled(electrical / noise)[-OFF:]
-    level = np.median(z[:, np.isfinite(z[-1:]).all(axis=0)], axis=0)
-    return not level.size or bool(np.max(np.abs(level)) < OFFSETS)
+    there = np.isfinite(z[-1:]).all(axis=0)
+    level = np.median(z[:, there], axis=0)
+    return not level.size or _is_nothing(level, (zero / noise)[there])
+
+
+def _is_nothing(level: Array, zero: Array) -> bool:
+    """Whether readings (k,) are what an offset makes of nothing, or what they were before the first move (k,)."""
+    return bool(np.max(np.abs(level)) < OFFSETS or np.max(np.abs(level - zero)) < NOTHING)
 
 
 def _filled(z: Array) -> Array:

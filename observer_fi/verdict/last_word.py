@@ -280,7 +280,7 @@ class LastWord:
     def _without_a_name(self, path: Path, whole: WholeMove) -> bool:
         """Whether nominal, which fits elsewhere, is far off while a path lasts that fits no better."""
         at_rest = _begins_at_rest(path, whole)
-        if at_rest and may_be_off(whole.window.z[path.begin :, :2], self.rig.noise_std[:2]):
+        if at_rest and may_be_off(whole.window.z[path.begin :, :2], self.rig.noise_std[:2], whole.zero):
             return False
         last = whole.n if path.end is None else path.end
         elsewhere = np.concatenate((whole.nis[: path.begin], whole.nis[last:]))

@@ -27,6 +27,7 @@ FIRST_LOOK = 0.25  # samples
 # Times its expected NIS: a start that nominal explains has no delays, and one that it does not explain with them has a fault.
 FITS = 1.6
 RELATIVE = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
+AROUND, AROUND_POINTS = 0.4, 4  # samples around a delay, and so many on either side
 COMMON = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 FIRST_LOOK_OF_POSITION = (4.0, 16.0)
 NOTICED_OF_POSITION = 15.0  # nats: it changes little in a start
@@ -86,17 +87,26 @@ def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:
 
 
 def lateness_of(log: Log, rig: Rig, settings: BankSettings, known: Lateness) -> Lateness:
-    """How late the channels of a log are; what is `known` where neither its first start nor its first stop tells."""
+    """How late the channels of a log are; what is `known` where neither its first start nor its first stop tells.
+
+    Where nothing is known of a servo, voltage and current are late against each other only.
+    """
     cut = first_start(log) or _first_stop(log)
-    if cut is None or not rig.watched.servo or not np.isfinite(log.z[:, :2]).any(axis=0).all():
+    if cut is None or not rig.driven.motor or not np.isfinite(log.z[:, :2]).any(axis=0).all():
         return known
     gain = _Gains(cut, rig, settings)
+    if not rig.watched.servo:
+        best = _electrical(gain, known, common=(0.0,))
+        return best if best == known else _on_top(gain, best)
     best = _electrical(gain, known)
     return best if known.position else _position(gain, best)
 
 
-def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
-    """Delays of voltage and current, the position beside them; nothing: where they do not tell."""
+def _electrical(gain: "_Gains", nothing: Lateness, common: tuple[float, ...] = COMMON) -> Lateness:
+    """Delays of voltage and current, the position beside them; nothing: where they do not tell.
+
+    common: samples, that both may be behind the command; 0 alone where nothing checks that.
+    """
     known = _parts(nothing)
     near = max(gain(_shifted(**(known | {"r": known["r"] + r}))) for r in (-FIRST_LOOK, FIRST_LOOK)) - gain(
         nothing
@@ -104,9 +114,9 @@ def _electrical(gain: "_Gains", nothing: Lateness) -> Lateness:
     if near < NOTICED_NATS and gain.misfit(nothing) < FITS:
         return nothing
     best = _best(gain, nothing, "r", RELATIVE)
-    best = _best(gain, best, "common", COMMON)
+    best = _best(gain, best, "common", common)
     best = _finer(gain, _finer(gain, best, "r", 0.25), "r", 0.08)
-    best = _finer(gain, best, "common", 0.25)
+    best = _finer(gain, best, "common", 0.25) if any(common) else best
     best = _finer(gain, best, "r", 0.05)
     better = gain(best) - gain(nothing) > NOTICED_NATS and best.electrical >= LEAST
     return best if better and gain.explains(best) else nothing
@@ -230,6 +240,18 @@ def _best(
     """The best of some values of one part of the delays."""
     tried = [_shifted(**(_parts(late) | {part: value})) for value in values]
     return max([late, *tried], key=gain)
+
+
+def _on_top(gain: Callable[[Lateness], float], late: Lateness) -> Lateness:
+    """Delays with the current behind the voltage as the parabola through the gains around them has it: a current that no servo
+    explains follows its readings from sample to sample, and the gains of single delays scatter by that.
+    """
+    r = _parts(late)["r"]
+    off = np.linspace(-AROUND, AROUND, 2 * AROUND_POINTS + 1)
+    a, b, _ = np.polyfit(off, [gain(_shifted(**(_parts(late) | {"r": r + d}))) for d in off], 2)
+    if a >= 0.0:
+        return late
+    return _shifted(**(_parts(late) | {"r": r + float(np.clip(-0.5 * b / a, -AROUND, AROUND))}))
 
 
 def _finer(gain: Callable[[Lateness], float], late: Lateness, part: str, step: float) -> Lateness:

@@ -145,7 +145,8 @@ class Naming:
     def _goes_off(self, path: Path, whole: WholeMove) -> bool:
         """Whether a path begins where the drive may have been switched off at rest."""
         electrical, noise = whole.window.z[:, :2], self.rig.noise_std[:2]
-        return path.begin >= whole.moving and goes_off(electrical, noise, path.begin, whole.interval)
+        at_rest = path.begin >= whole.moving
+        return at_rest and goes_off(electrical, noise, path.begin, whole.interval, whole.zero)
 
     def _fits(self, path: Path, whole: WholeMove, event: Event) -> bool:
         """Whether the path wins, the whole move fits it, and it is more than the ring of a start.

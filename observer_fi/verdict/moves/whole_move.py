@@ -17,7 +17,7 @@ from observer_fi.numerics import MOST
 from observer_fi.physics import INDEX, OwnState
 from observer_fi.records import Array, Event
 from observer_fi.verdict.drift import risen_drag
-from observer_fi.verdict.drive_off import until_off
+from observer_fi.verdict.drive_off import until_off, zero_of
 from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
@@ -95,7 +95,8 @@ def window_of(event: Event, bank: Bank, rest_s: float = 0.0) -> tuple[LogSamples
     stopped = min(event.end_s, float(recent.t[last]) + rest_s)
     end = int(np.searchsorted(recent.t, stopped, "right"))
     interval = float(np.median(np.diff(recent.t[first:end])))
-    rest = until_off(recent.z[last + 1 : end, :2], bank.rig.noise_std[:2], interval)
+    zero = zero_of(recent.z[first : int(under_way[0]), :2])
+    rest = until_off(recent.z[last + 1 : end, :2], bank.rig.noise_std[:2], interval, zero)
     if last + 1 + rest < end:  # while the motor rings a stop tells nothing
         end = last + 1 + (rest if rest * interval > SETTLED_S else 0)
     jumps = np.flatnonzero(np.abs(np.diff(recent.theta[last:end])) > JUMP_DEG)
@@ -122,6 +123,7 @@ class WholeMove:
         self.window, self.n, self.filters = window, window.t.size, filters
         under_way = np.flatnonzero(window.active)
         self.moving = int(under_way[-1]) + 1 if under_way.size else self.n
+        self.zero = zero_of(window.z[: int(under_way[0]) if under_way.size else self.n, :2])
         self.interval = float(np.median(np.diff(window.t)))
         self.looks = tuple(max(LEFT, round(look / self.interval)) for look in LOOKS_S)
         self.memories, density, self.nis = self._follow(self.nominal, memory, 0)
