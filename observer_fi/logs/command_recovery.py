@@ -31,6 +31,7 @@ SIGMAS = 6.0
 BEGIN_S = 0.2
 LONG_HOLE = 4  # samples
 RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
+TURNS = (0.3, 3.0)  # of the way that a speed takes a mass: what moved less or more did not turn with it
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
@@ -433,18 +434,23 @@ def _is_rest(level: Level, top: float, log: Log, model: Model, noise: float) -> 
     if not low or not head.size or not tail.size:
         return False
     seconds = 0.75 * float(log.t[level.last] - log.t[level.first])
-    error = math.hypot(_error_of_mean(head), _error_of_mean(tail))
-    moved = abs(float(tail.mean() - head.mean()))
-    return moved < 0.3 * model["D"] * abs(level.seen) * seconds + 3.0 * error
+    error = _error_of_difference(x[np.isfinite(x)], head.size, tail.size)
+    along, expected = (
+        float(tail.mean() - head.mean()) * np.sign(level.seen),
+        model["D"] * abs(level.seen) * seconds,
+    )
+    return not TURNS[0] * expected + 3.0 * error < along < TURNS[1] * expected
 
 
-def _error_of_mean(y: Array) -> float:
-    """Standard error of the mean of y (n,), about a line: noise that wanders tells less than as many readings alone."""
-    if y.size < FEWEST_IN_BLOCK:
-        return float(y.std())
+def _error_of_difference(y: Array, first: int, last: int) -> float:
+    """Standard error of a difference of means over `first` and `last` readings of y (n,), about a line.
+
+    Readings that are held, or whose noise wanders, tell less than as many that stand alone.
+    """
     at = np.linspace(-1.0, 1.0, y.size)
     off = y - y.mean() - at * float(at @ y) / float(at @ at)
-    return math.sqrt(off.var() / y.size * max(correlation_time(off, y.size // 4), 1.0))
+    alike = max(correlation_time(off, y.size // 4), 1.0) if y.size >= 2 * FEWEST_IN_BLOCK else 1.0
+    return math.sqrt(off.var() * alike * (1.0 / first + 1.0 / last))
 
 
 def _draws_nothing(current: Array, level: Level) -> bool:

@@ -20,6 +20,7 @@ from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.logger import lateness
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.logger.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger.no_command import with_its_servo
 
 RIG, SETTINGS = load_rig(), BankSettings()
 SEEDS = range(7601, 7607)
@@ -48,6 +49,21 @@ def test_one_late_channel_is_measured(name: str) -> None:
         assert np.argmax(late) == np.argmax(true) and min(late[:2]) == late.position <= 0.15, seed
         errors.append(np.ptp(late) - true.max())
     assert np.abs(errors).max() < 0.15 and abs(np.mean(errors)) < 0.1
+
+
+@pytest.mark.parametrize("name", ["current_late", "voltage_late", "voltage_late+hum_50hz", "hum_50hz"])
+@pytest.mark.first(1)
+def test_without_a_command_voltage_and_current_are_late_against_each_other(name: str) -> None:
+    """Where no servo is known its current may be anything: only the winding tells, and hum covers some of that."""
+    errors = []
+    for seed in SEEDS:
+        spec = draw_move_case(seed, "nominal")
+        frame, truth = make_log_with(f"no_command+{name}", spec, seed)
+        late = AsLogged(*with_its_servo(log_from_frame(frame), RIG), SETTINGS).late
+        told = [truth["acquisition"][c]["delay_s"] * RATE for c in ("voltage_v", "current_a")]
+        assert late.position == min(late), seed
+        errors.append((late.current - late.voltage) - (told[1] - told[0]))
+    assert np.abs(errors).max() < 0.35 and abs(np.mean(errors)) < 0.15
 
 
 def test_the_first_stop_tells_where_the_log_begins_under_way() -> None:

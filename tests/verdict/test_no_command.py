@@ -125,3 +125,18 @@ def test_the_ring_of_a_recovered_corner_is_no_obstacle_for_sure(seed: int) -> No
     verdict = diagnose_log(log, load_rig(), Settings()).isolation.verdict
     assert "nominal" in (verdict.label, *verdict.alike)
     assert verdict.label == "nominal" or verdict.probability <= 0.5
+
+
+@pytest.mark.parametrize("also", ["", "+hum_50hz"])
+@pytest.mark.first(1)
+def test_a_voltage_that_is_late_makes_no_command_late(also: str) -> None:
+    """The command is made of voltage and current: later by a sample, it had begun two samples too late, and every stop too."""
+    late = []
+    for seed in (874011, 874013, 874016):
+        spec = hidden.draw_move_case(seed, "nominal")
+        log = log_from_frame(hidden.make_log_with(f"no_command+voltage_late{also}", spec, seed)[0])
+        with_its_command, _ = with_its_servo(log, load_rig())
+        (move,) = spec.profile.moves
+        begun = float(log.t[np.argmax(with_its_command.w_cmd != 0.0)])
+        late.append((begun - move.start_s) * log.rate_hz)
+    assert np.abs(late).max() <= 1.0, late

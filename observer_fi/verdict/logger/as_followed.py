@@ -68,7 +68,7 @@ def is_not_followed(log: Log, rig: Rig) -> bool:
     if held_together(begun, rig):
         return False
     for late_s in VOLTAGE_LATE_S:
-        told = _as_told(_with_voltage_ahead(begun, late_s), rig)
+        told = _as_told(with_voltage_ahead(begun, late_s), rig)
         if told is None or not _differs(begun, told.w_cmd, LATE_S, CLEARLY, soft=True):
             return False
     return True
@@ -91,7 +91,7 @@ def _is_rounded(log: Log, rig: Rig) -> bool:
     return bool(by_one >= UNEVEN * np.count_nonzero(changes))
 
 
-def _with_voltage_ahead(log: Log, late_s: float) -> Log:
+def with_voltage_ahead(log: Log, late_s: float) -> Log:
     """`log` with its voltage so much earlier: later than the current, it makes the servo's ring of a command."""
     there = np.isfinite(log.z[:, 0])
     if not late_s or not there.any():

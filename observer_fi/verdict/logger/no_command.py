@@ -12,7 +12,10 @@ import numpy as np
 from observer_fi.logs import is_recovered, with_command
 from observer_fi.physics import Rig
 from observer_fi.records import Log
-from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, is_not_followed
+from observer_fi.settings import BankSettings
+from observer_fi.verdict.logger.as_followed import NOT_FOLLOWED, is_not_followed, with_voltage_ahead
+from observer_fi.verdict.logger.as_logged import AsLogged
+from observer_fi.verdict.logger.lateness import LEAST
 
 NOT_CHECKED = "no commanded speed was logged: what the servo makes of it is not checked"
 
@@ -28,4 +31,15 @@ def with_its_servo(log: Log, rig: Rig) -> tuple[Log, Rig]:
     log = with_command(log, rig)
     if rig.law is not None or not rig.watched.servo or not is_recovered(log):
         return log, rig
-    return replace(log, notes=(*log.notes, NOT_CHECKED)), rig.without_servo
+    log = replace(log, notes=(*log.notes, NOT_CHECKED))
+    return _in_time(log, rig), rig.without_servo
+
+
+def _in_time(log: Log, rig: Rig) -> Log:
+    """`log` with a command from voltage and current at one time, where its first start shows that the voltage is later."""
+    late = AsLogged(log, rig.without_servo, BankSettings()).lateness
+    behind = (late.voltage - late.current) / log.rate_hz
+    if behind < LEAST / log.rate_hz:
+        return log
+    blank = replace(with_voltage_ahead(log, behind), w_cmd=np.full(log.t.size, np.nan))
+    return replace(log, w_cmd=with_command(blank, rig).w_cmd)

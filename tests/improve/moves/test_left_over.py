@@ -61,3 +61,22 @@ def test_what_only_the_position_shows_is_told_from_less_on(
     monkeypatch.setattr(LEFT_OVER, "slow_excess", lambda *_: 1e6)
     found = left_over(experiment, Ladder(fitted, fitted, (), (), (), ()), lambda _: ((), ()))
     assert [row.equation for row in found] == [equation] * told
+
+
+@pytest.mark.parametrize(("noise", "told"), [(0.2, []), (0.3, ["electrical"])])
+def test_a_clear_misfit_is_said_however_gross_the_effect_was_that_it_is_left_of(
+    noise: float, told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """noise: share of it that the equation, set free, takes out of the readings; the effect was of a million nats."""
+    problem = simulated_moves([campaign()], load_rig())
+    fitted, experiment = problem.baseline(), problem.experiment
+    gain = 0.5 * noise**2 * int((experiment.weight > 0.0).sum())
+    monkeypatch.setattr(LEFT_OVER, "excess", lambda *_: 1e9)
+    monkeypatch.setattr(LEFT_OVER, "raw_excess", lambda *_: gain)
+    monkeypatch.setattr(LEFT_OVER, "slow_excess", lambda *_: gain)
+    monkeypatch.setattr(LEFT_OVER, "smooth_terms", lambda *_: [])
+    monkeypatch.setattr(LEFT_OVER, "rest_steps", lambda *_: [])
+    rows = (SimpleNamespace(equation="electrical", gain=gain),)
+    ladder = Ladder(fitted, fitted, (SimpleNamespace(),), (), (), ())
+    found = left_over(experiment, ladder, lambda _: (rows, ()))
+    assert [(row.equation, row.regressor) for row in found] == [(name, "unknown") for name in told]

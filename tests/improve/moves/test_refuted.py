@@ -48,6 +48,7 @@ def step_of(cause: str, gain: float) -> Step:
         (300.0, [nameless("torque", 250.0, 300.0)], 0.0, []),  # its own equation is not yet right
         (300.0, [nameless("servo", 250.0, 300.0)], 0.0, ["viscous_friction"]),
         (300.0, [nameless("torque", 0.0, 0.0)], 0.0, ["viscous_friction"]),  # only bent, not wanted
+        (1.5, [nameless("torque", 1.5, 1.5)], 0.0, ["viscous_friction"]),  # a thousandth: the timing of a servo
         (300.0, [line("torque", 250.0)], 0.0, []),
         (300.0, [line("electrical", 250.0)], 0.0, ["viscous_friction"]),
     ],
