@@ -104,7 +104,7 @@ ONCE_WRONG = (
 
 
 @pytest.mark.parametrize(("name", "label", "seed"), ONCE_WRONG)
-@pytest.mark.first(11)
+@pytest.mark.first(5)
 def test_what_a_logger_does_is_no_fault(name: str, label: str, seed: int) -> None:
     answer = said(name, label, seed)
     assert answer.right, answer.words

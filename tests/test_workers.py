@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 FILE = """
 import os, time, pytest
 
@@ -20,6 +22,7 @@ def test_one(made, k):
 """
 
 
+@pytest.mark.slow
 def test_a_fixture_of_a_module_is_made_by_one_worker_and_all_workers_have_work(tmp_path: Path) -> None:
     """It was made by each of them: twice the time of every costly one."""
     shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)

@@ -58,7 +58,7 @@ def test_a_command_counts_from_the_first_move_of_its_goal() -> None:
 
 
 @pytest.mark.parametrize("seed", [400012, 400015])
-@pytest.mark.first(1)
+@pytest.mark.slow
 def test_a_position_loop_that_goes_on_in_its_rests_moves_no_gain(seed: int) -> None:
     """The current of a rest is none of the start, and a step of the encoder none of the command: gains were 8 to 17 std off."""
     actuator, rig, log = learnt_from(seed, "position_servo")

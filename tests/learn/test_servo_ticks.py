@@ -45,6 +45,7 @@ def off_by(log: Log, spec: hidden.TruthSpec) -> np.ndarray:
         (1000.0, 1500.0),
     ],
 )
+@pytest.mark.first(2)
 def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: float) -> None:
     log, spec = drawn(871001, rate_hz, servo_hz)
     (ticks,) = campaign_readings([log], RIG).ticks
@@ -55,6 +56,7 @@ def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: fl
 
 
 @pytest.mark.parametrize("cause", ["acceleration_limit", "backlash", "viscous_friction"])
+@pytest.mark.first(1)
 def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
     spec = hidden.draw_effects_case(871003, (cause,), 3.0)
     spec = replace(spec, logger=replace(spec.logger, rate_hz=1920.0))
@@ -63,6 +65,7 @@ def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 1600.0, 4000.0])
+@pytest.mark.first(2)
 def test_a_log_whose_samples_are_as_old_as_each_other_stays_as_it_is(rate_hz: float) -> None:
     log, _ = drawn(871002, rate_hz)
     campaign = campaign_readings([log], RIG)

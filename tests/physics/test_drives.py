@@ -147,7 +147,7 @@ def test_the_command_is_made_from_the_columns(tmp_path: Path) -> None:
     ("none", None), ("overload", None), ("coupling_loss", None), ("sensor_frozen", "position"), ("sensor_offset", "current"),
 ])  # fmt: skip
 @pytest.mark.parametrize("at_s", [0.35, 1.2])
-@pytest.mark.first(5)
+@pytest.mark.first(2)
 def test_faults_are_told_behind_a_position_loop(kind: str, channel: str | None, at_s: float) -> None:
     seed = round(100 * at_s)
     scenario = Scenario(

@@ -58,6 +58,7 @@ def then(case: Case, label: str, encoder: Array | None = None, **more: object) -
 @pytest.mark.parametrize("label", ["slip", "coupling_loss", "overload"])
 @pytest.mark.parametrize("gain", [1.2, 0.6])
 @pytest.mark.parametrize("seed", [872001, 872002])
+@pytest.mark.first(6)
 def test_an_encoder_that_goes_with_the_mass_refutes_that_it_slips(label: str, gain: float, seed: int) -> None:
     told = then(Case(seed, "jam", "voltage", gain), label)
     assert (told.label, told.channel, told.alike) == ("sensor_fault", "voltage", ())
@@ -77,6 +78,7 @@ def test_nor_is_it_a_voltage_that_lies_where_a_current_does(label: str, gain: fl
 
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])
 @pytest.mark.parametrize("seed", [872003, 872004])
+@pytest.mark.first(2)
 def test_one_that_goes_with_the_circuit_lets_it_slip(label: str, seed: int) -> None:
     case = Case(seed, label)
     assert then(case, label).label == label

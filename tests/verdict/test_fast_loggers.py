@@ -49,6 +49,7 @@ def said(outcome: Outcome, kind: str) -> tuple[bool, float]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.first(2)
 def test_a_fast_logger_is_judged_as_well(kind: str) -> None:
     assert said(judged("ideal", 9600.0, kind, 88_000_001), kind)[0]
 

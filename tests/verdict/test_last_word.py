@@ -666,7 +666,7 @@ def test_moves_of_a_servo_that_nobody_knows_are_told(seed: int, kind: str, shape
 
 
 @pytest.mark.parametrize("seed", [95_800_003, 98_510_004])
-@pytest.mark.first(1)
+@pytest.mark.slow
 def test_an_obstacle_at_the_crest_of_a_sine_may_be_no_slip_for_sure(seed: int) -> None:
     """What a nut takes on the way there and gives back on the way back, an obstacle that gives way does: it was a slip at 1.0."""
     log = log_from_frame(

@@ -59,7 +59,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("channels, hz, order, noisy", CASES)
-@pytest.mark.first(3)
+@pytest.mark.first(1)
 def test_the_filter_before_a_current_is_found(
     channels: tuple[int, ...], hz: float, order: int, noisy: bool
 ) -> None:

@@ -83,7 +83,7 @@ def test_the_servo_of_a_logged_command_is_asked() -> None:
         (97_700_008, "coupling_loss", 0.25),
     ],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_soft_start_without_a_command_is_judged_as_one_with_it(seed: int, label: str, share: float) -> None:
     assert said(seed, label, share).label == label
 

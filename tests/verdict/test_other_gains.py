@@ -68,12 +68,14 @@ def test_a_voltage_sensor_that_changes_its_gain_on_the_way_has_failed() -> None:
 
 @pytest.mark.parametrize("gain", [0.9, 0.98, 0.99, 1.01, 1.02, 1.06])
 @pytest.mark.parametrize("seed", [75_020, 75_021])
+@pytest.mark.first(4)
 def test_a_position_of_another_gain_is_not_surely_a_fault(gain: float, seed: int) -> None:
     verdict, _ = said(scaled("position_m", gain, seed, "nominal"))
     assert verdict.label == "nominal" or (verdict.probability == 0.5 and "nominal" in verdict.alike)
 
 
 @pytest.mark.parametrize(("seed", "share"), [(75_030, 0.05), (75_031, 0.1), (75_032, 0.3), (75_033, 0.6)])
+@pytest.mark.first(2)
 def test_a_nut_that_begins_to_slip_on_the_way_does(seed: int, share: float) -> None:
     spec = draw_move_case(seed, "overload")
     frame, truth = make_log(replace(spec, fault=Fault("slip", 1.2, size=share)), seed)

@@ -44,6 +44,7 @@ def test_a_ripple_is_found_where_it_stands_as_the_log_begins(order: float, seed:
     assert abs(math.remainder(off + begun, 2.0 * math.pi)) < 0.5
 
 
+@pytest.mark.slow
 def test_a_healthy_move_of_another_phase_is_no_fault() -> None:
     """At the phase of the rig file the first of these moves is a jam, and the second a fault without a name."""
     logs = [log_at(ahead, 1.0, seed) for ahead, seed in ((2.0, 64211), (3.1, 64212), (-1.7, 64213))]

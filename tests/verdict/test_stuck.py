@@ -62,6 +62,7 @@ def test_missing_readings_do_not_hide_a_stuck_one() -> None:
 
 @pytest.mark.parametrize("channel", hidden.CHANNELS)
 @pytest.mark.parametrize(("logger", "seed"), [("ideal", 320001), ("steps_all", 320000)])
+@pytest.mark.first(3)
 def test_a_frozen_sensor_has_its_name_and_its_begin(channel: str, logger: str, seed: int) -> None:
     spec = hidden.draw_failing_case(seed, "frozen", channel)
     told = verdict_on(spec, seed, logger)
@@ -82,6 +83,7 @@ def test_a_frozen_sensor_has_its_name_and_its_begin(channel: str, logger: str, s
         ("coupling_loss", "drive_off"),
     ],
 )
+@pytest.mark.first(4)
 def test_a_mass_that_stands_is_no_sensor_that_does(label: str, logger: str) -> None:
     told = verdict_on(hidden.draw_move_case(320100, label), 320100, logger)
     assert label in (told.label, *told.alike)

@@ -46,6 +46,7 @@ def named(outcome: Outcome, label: str) -> bool:
 
 
 @pytest.mark.parametrize(("seed", "tau_s", "rate_hz"), [(810_006, 3e-3, 2000.0), (830_002, 1.5e-3, 500.0)])
+@pytest.mark.first(1)
 def test_a_start_behind_an_inductance_is_no_failed_sensor(seed: int, tau_s: float, rate_hz: float) -> None:
     """Both healthy moves were a failed current sensor for sure."""
     actuator, rig = learned("voltage", seed, tau_s, rate_hz)

@@ -46,6 +46,7 @@ def verdict(frame: pd.DataFrame):
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("seed", SEEDS[:2])
+@pytest.mark.first(6)
 def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None:
     column, factor = UNITS[unit]
     frame = move(seed)
@@ -56,6 +57,7 @@ def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.first(2)
 def test_millimetres_are_told_where_no_command_is_logged(seed: int) -> None:
     frame = move(seed).drop(columns="speed_cmd_rad_s")
     frame["position_m"] *= 1e3
