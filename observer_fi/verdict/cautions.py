@@ -7,7 +7,7 @@ from typing import NamedTuple
 from observer_fi.logs import FEWEST_STEPS, LowPass, told_filter
 from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import COLUMNS, NOT_TESTED
-from observer_fi.records import ChannelTraits, Isolation
+from observer_fi.records import Acquisition, ChannelTraits, Isolation
 from observer_fi.verdict.logger.as_logged import AsLogged
 from observer_fi.verdict.moves.circuit import is_dead
 from observer_fi.verdict.moves.of_the_day import Day
@@ -25,7 +25,7 @@ class Part(NamedTuple):
     """One channel: its column and unit, its traits, its noise in the rig file, how many samples it is late, its filter.
 
     without_lines, without_mean: whether its lines, or the mean that it is, are out of what is judged. filed: whether its noise in
-    the rig file is that of a logger, and no guess of a data sheet.
+    the rig file is that of a logger, and neither a guess of a data sheet nor told of this logger when the rig was learned.
     """
 
     column: str
@@ -52,12 +52,13 @@ def cautions(
             f"the log begins within a start, while the supply limits the servo: its first {with_unit(left_out_s, 's')} are left "
             "out, and what began in them is seen later; begin the log at rest"
         )
-    usual, filed = known.rig.file_noise_std.tolist(), not never_learned(known.rig, NOT_TESTED)
+    usual, learned = known.rig.file_noise_std.tolist(), not never_learned(known.rig, NOT_TESTED)
     lates, means = known.lateness, {mean.channel for mean in known.means}
     own = zip(COLUMNS.items(), UNITS, usual, lates, known.low_passes, strict=True)
     for c, ((name, column), unit, noise, late, low) in enumerate(own):
         taken_out = known.lines is not None and bool(known.lines.channels[c].hz.size)
         traits = getattr(known.told, name)
+        filed = learned and not _as_learned(traits, known.filed, name)
         part = Part(column, unit, traits, noise, late - min(lates), low, taken_out, c in means, filed)
         filters = [told_filter(own) for own in known.low_passes.told if own.channel == name]
         found += [*_of_readings(part, rate_hz), *_of_noise(part), *filters, *_of_time(part, rate_hz)]
@@ -83,6 +84,11 @@ def cautions(
             f"time_s is rounded to {with_unit(step, 's')}: taken for an even clock; log times with more digits"
         )
     return tuple(found)
+
+
+def _as_learned(traits: ChannelTraits, filed: Acquisition | None, name: str) -> bool:
+    """Whether the logger that a rig file was learned through had as much noise."""
+    return filed is not None and traits.as_white <= LOUD * getattr(filed, name).as_white
 
 
 def _of_the_day(day: Day) -> Iterator[str]:

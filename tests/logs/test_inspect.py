@@ -222,6 +222,8 @@ def test_a_date_and_a_time_of_day_are_one_clock(tmp_path: Path) -> None:
     path.write_text("Datum;Uhrzeit;U [V];I [A];Weg [mm]\n" + "\n".join(rows) + "\n")
     found = inspect_log(str(path))
     assert (found.guesses["time_s"].header, found.guesses["time_s"].time_of_day) == ("Datum", "Uhrzeit")
+    assert found.clock is not None and found.clock.rate_hz == pytest.approx(1.0 / (T[1] - T[0]), rel=1e-3)
+    assert found.clock.start == "02.03.2026 08:00:00.000000"
     assert np.allclose(read_with(found).t, T - T[0], atol=1e-6)
 
 

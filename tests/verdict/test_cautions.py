@@ -27,10 +27,10 @@ PLAIN = Acquisition(*(ChannelTraits(std, std) for std in SIGMA.tolist()), Clock(
 def told(acquisition: Acquisition = PLAIN, late: Lateness = NONE, offset: float = 0.0, nis: float = 2.9,
          label: str = "nominal", low_passes: LowPasses = UNFILTERED, zero: float = 0.0,
          lines: Any = None, day: Day = USUAL, means: tuple[Mean, ...] = (),
-         inductance: float = 0.0) -> tuple[str, ...]:  # fmt: skip
+         inductance: float = 0.0, filed: Acquisition | None = None) -> tuple[str, ...]:  # fmt: skip
     known: Any = SimpleNamespace(
         rig=RIG, told=acquisition, lateness=late, offset=offset, low_passes=low_passes, zero=zero, lines=lines,
-        day=day, means=means, inductance=inductance,
+        day=day, means=means, inductance=inductance, filed=filed,
     )  # fmt: skip
     isolation: Any = SimpleNamespace(
         verdict=SimpleNamespace(label=label, reasons=()), consistency=Consistency(nis, 3.0, 0.5)
@@ -124,6 +124,14 @@ def test_what_was_taken_out_is_told_as_such() -> None:
     assert "current_a carries periodic disturbances at 50 Hz (2 mA): taken out" in said
     (said,) = told(zero=-2e-3)
     assert "current_a is -2 mA off its zero" in said and "zero the sensor" in said
+
+
+def test_a_noise_that_the_rig_was_learned_through_is_no_news() -> None:
+    """Nobody was ever told that the logger of a data sheet's guess has its noise; a louder day is told all the same."""
+    loud = of_current(noise_std=1.5e-3, as_white=1.5e-3)
+    assert len(told(loud)) == 1 and told(loud, filed=loud) == ()
+    (said,) = told(of_current(noise_std=6e-3, as_white=6e-3), filed=loud)
+    assert said.startswith("current_a has a noise of 6 mA")
 
 
 def test_several_are_all_told_by_channel() -> None:

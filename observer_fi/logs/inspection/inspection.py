@@ -114,7 +114,7 @@ def _clock(contents: Contents, found: dict[str, Guess], values: dict[str, Array]
     guess = found.get("time_s")
     if guess is None or guess.header not in values:
         return None
-    raw = values[guess.header] * guess.scale
+    raw = values[guess.time_of_day or guess.header] * guess.scale  # which counts the midnights that it passes
     t = raw[np.isfinite(raw)]
     steps = np.diff(t)
     if steps.size < 2 or not np.median(steps) > 0.0:

@@ -53,12 +53,13 @@ class AsLogged:
     """What filters take of one log. log: its beginning, as long as there is; rig, settings: before anything was known of it.
 
     rig, settings: what banks are to be made with; acquisition: what the logger does; inductance: of the winding [H], which is
-    taken out of the voltage. causal: whether a reading must do without those after it.
+    taken out of the voltage. causal: whether a reading must do without those after it. filed: the logger that the rig file knows.
     """
 
     def __init__(self, log: Log, rig: Rig, settings: BankSettings, causal: bool = False) -> None:
         self.low_passes, self.interval = LowPasses(), 1.0 / log.rate_hz
         self.inductance, self.causal = inductance_of(rig, log.rate_hz), causal
+        self.filed = rig.logger
         self.lines: Hum | None = None
         self.with_lines: Acquisition | None = None
         self.means: tuple[Mean, ...] = ()
