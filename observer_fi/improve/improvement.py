@@ -17,7 +17,7 @@ from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_mov
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.steps import Candidate, F, Ladder, Measure, Smooth, Step
-from observer_fi.learn import Experiment, FitResult, campaign_readings, with_servo
+from observer_fi.learn import Experiment, FitResult, campaign_readings, with_crawl, with_servo
 from observer_fi.logs import (
     Excitation,
     filtered_logger,
@@ -121,7 +121,7 @@ def improve(
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
-    commanded = [without_winding(log, rig) for log in commanded]
+    commanded = [without_winding(with_crawl(log, rig), rig) for log in commanded]
     winding, rig = rig.inductance, replace(rig, inductance=None)
     campaign = campaign_readings(commanded, rig)
     taken, filters = campaign.logs, campaign.low_passes.told

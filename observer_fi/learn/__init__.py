@@ -51,6 +51,7 @@ from observer_fi.learn.move_data import (
     too_many_moves,
     unwhitened,
     whitened,
+    with_whole_command,
 )
 from observer_fi.learn.output_error import (
     FitResult,
@@ -66,6 +67,7 @@ from observer_fi.learn.output_error import (
 )
 from observer_fi.learn.reversal_doubt import CAUGHT_A
 from observer_fi.learn.servo.command_timing import doubtful, timed
+from observer_fi.learn.servo.servo_start import with_crawl
 from observer_fi.learn.servo.unknown_servo import with_servo
 
 __all__ = [
@@ -144,7 +146,9 @@ __all__ = [
     "unwhitened",
     "whitened",
     "whiteness",
+    "with_crawl",
     "with_servo",
+    "with_whole_command",
     "without_moves",
     "with_equation_errors",
 ]

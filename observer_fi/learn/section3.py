@@ -210,9 +210,9 @@ def contact(log: Log, move: Segment, model: Model, stop: float, side: float) -> 
     if count < 10:
         return None
     rows = slice(first, first + count * block)
-    x, i, theta = (
-        np.nanmean(v[rows].reshape(count, block), axis=1) for v in (log.z[:, 2], log.z[:, 1], log.pitch)
-    )
+    parts = [v[rows].reshape(count, block) for v in (log.z[:, 2], log.z[:, 1], log.pitch)]
+    read = np.all([np.isfinite(part).any(axis=1) for part in parts], axis=0)
+    x, i, theta = (np.nanmean(part[read], axis=1) for part in parts)
     torque = side * (model["Km"] * i - np.sign(move.peak) * model["A"] - model["B"] * theta)
     best = None
     for place in stop + np.linspace(-4e-4, 4e-4, _SCAN):
@@ -229,7 +229,7 @@ def contact(log: Log, move: Segment, model: Model, stop: float, side: float) -> 
     depth = np.maximum(side * (x - place), 0.0)
     name = "x_stop_high" if side > 0.0 else "x_stop_low"
     _, covariance = regression(np.column_stack([depth**2, -2.0 * side * C * depth]), torque)
-    scatter = cost / max(count - 2, 1) / max(float(np.var(torque - C * depth**2)), 1e-30)
+    scatter = cost / max(torque.size - 2, 1) / max(float(np.var(torque - C * depth**2)), 1e-30)
     return Step(
         "11",
         {"C": C, name: place},

@@ -55,6 +55,7 @@ from observer_fi.learn import (
     share_of,
     timed,
     whiteness,
+    with_whole_command,
 )
 from observer_fi.logs import Excitation, excitation, is_recovered, log_segments, moves_from_rest
 from observer_fi.numerics import sum_of_squares
@@ -401,7 +402,7 @@ def simulated_moves(
     """
     cut = [moves_from_rest(log) for log in logs] if moves is None else moves
     experiment = replace(prepare(logs, rig, cut, share_of(cut, MOST_ROWS), filters), steps=_STEPS)
-    experiment = _with_timed_command(experiment, logs, rig)
+    experiment = _with_timed_command(with_whole_command(experiment, logs, rig), logs, rig)
     model = with_stops(experiment, logs, rig)
     return SimulatedMoves(tuple(logs), rig, experiment, model, settings or MoveSettings())
 

@@ -216,8 +216,8 @@ class _Gains:
         before[:8] = False
         steady = self.log.t > self.log.t[-1] - STEADY_S
         nis = e.nis[moving, 0] / np.maximum(np.isfinite(log.z[moving]).sum(axis=1), 1)
-        usual = max(e.density[before, 0].mean(), e.density[steady, 0].mean())
-        calm = self.calm.setdefault((late.voltage, late.current), float(usual))
+        usual = max(float(e.density[part, 0].mean()) for part in (before, steady) if part.any())
+        calm = self.calm.setdefault((late.voltage, late.current), usual)
         nats = e.density[moving].sum(axis=0) - calm * moving.sum()
         if not self.known:  # as the readings are
             self.of_a_fault = float(nats[1:].max())
