@@ -97,6 +97,7 @@ def test_a_second_law_of_a_cause_is_found_with_its_size(cause, values, right):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [4512])
 def test_a_law_of_contact_far_from_the_square_does_not_drag_the_stops_past_each_other(seed):
     row = hide(("contact_exponent",), 10.0, seed)

@@ -148,6 +148,7 @@ def test_a_cause_is_named_behind_a_position_loop():
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [8432])
 def test_two_zero_offsets_are_named_although_one_smooth_torque_stands_for_both(seed: int) -> None:

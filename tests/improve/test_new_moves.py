@@ -145,6 +145,7 @@ def with_steeper_ramps(frame: pd.DataFrame, profile: hidden.Profile, accel: floa
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7432])
 def test_ramps_far_slower_than_the_logged_ones_are_named(seed: int) -> None:

@@ -272,6 +272,7 @@ def test_kills_at_random_moments_of_writing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_kills_at_random_moments_of_commands() -> None:
     counts, broken = kill_commands.run(40, ["diagnose", "identify", "simulate", "compare", "fleet"], seed=1)
     assert broken == [] and sum(counts.values()) == 40

@@ -399,7 +399,7 @@ def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tup
 
 
 @pytest.mark.parametrize(
-    "gone", ["scheduler", pytest.param("workers", marks=pytest.mark.slow)]
+    "gone", ["scheduler", pytest.param("workers", marks=[pytest.mark.slow, pytest.mark.study])]
 )  # waits a minute
 def test_a_cluster_that_dies_leaves_what_is_done_and_resumes(
     gone: str, tmp_path: Path, cluster: tuple[str, Processes], monkeypatch: pytest.MonkeyPatch,
