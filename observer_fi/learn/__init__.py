@@ -51,7 +51,6 @@ from observer_fi.learn.move_data import (
     too_many_moves,
     unwhitened,
     whitened,
-    with_whole_command,
 )
 from observer_fi.learn.output_error import (
     FitResult,
@@ -69,6 +68,7 @@ from observer_fi.learn.reversal_doubt import CAUGHT_A
 from observer_fi.learn.servo.command_timing import doubtful, timed
 from observer_fi.learn.servo.servo_start import with_crawl
 from observer_fi.learn.servo.unknown_servo import with_servo
+from observer_fi.learn.servo.whole_command import with_whole_command
 
 __all__ = [
     "CAUGHT_A",

@@ -18,8 +18,8 @@ from observer_fi.errors import InvalidLogError
 from observer_fi.learn.fit_readings import readings_to_fit, since_change
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, no_doubt, subtract_doubt
 from observer_fi.logs import log_phases, moves_from_rest, with_command
-from observer_fi.numerics import filled, resolution_of
-from observer_fi.physics import Model, Rest, Rig, corners, quarters, speed, whole_command
+from observer_fi.numerics import filled
+from observer_fi.physics import Model, Rest, Rig, corners, quarters, speed
 from observer_fi.physics import equations as a
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array, Filter, Log, Segment
@@ -200,69 +200,16 @@ def prepare(
         hum_hz=hum,
         older_s=older,
         doubts=tuple(p["doubt"] for p in parts),
-        knots=tuple(_knots(log, rig) for log in taken),
+        knots=tuple(knots_of(log, rig) for log in taken),
         history=tuple((log.t, np.nan_to_num(filled(log.z[:, 1]))) for log in logs),
         accel=accel or steepest,
         at_rest=rig.driven.at_rest,
     )
 
 
-def with_whole_command(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Experiment:
-    """The experiment whose moves are cut where a position servo's goal moves, with all that it commands in between.
-
-    What it creeps up to its goal with at last is no move of its own, but drives the motor. The steps of the encoder that it is
-    made of count as noise of what the servo makes of them (equations 3 and 4). logs: as `prepare` took them.
-    """
-    if rig.driven.command is None:
-        return experiment
-    whole = [_without_creep_at_rest(experiment, k, log, rig) for k, log in enumerate(logs)]
-    model = rig.model
-    current = max(_encoder_noise(log) for log in logs) * model["Kx"] * model["Kp"]
-    noise = np.hypot(experiment.noise, current * np.array([model["Rm"], 1.0, 0.0]))
-    experiment = _from_the_end_of_rests(experiment)
-    return replace(
-        experiment,
-        knots=tuple(_knots(log, rig) for log in whole),
-        noise=noise,
-        weight=experiment.weight * experiment.noise / noise,
-    )
-
-
-def _without_creep_at_rest(experiment: Experiment, number: int, log: Log, rig: Rig) -> Log:
-    """A log with its whole command, but for the rests from which its moves are simulated.
-
-    There the motor holds at the edge of friction, and what a simulation begins with may slip or not.
-    """
-    w = whole_command(log, rig)
-    for m in np.flatnonzero(experiment.log == number).tolist():
-        first = int(experiment.bounds[m])
-        begin, start = experiment.t[[first, first + int(experiment.moving[m])]]
-        rest = (log.t >= begin) & (log.t < start)
-        w[rest] = log.w_cmd[rest]
-    return replace(log, w_cmd=w)
-
-
-def _from_the_end_of_rests(experiment: Experiment) -> Experiment:
-    """The experiment whose moves begin with the last readings of their rests, in which a loop creeps on."""
-    weight, rest = experiment.weight.copy(), experiment.rest.copy()
-    for m, moving in enumerate(experiment.moving.tolist()):
-        first = int(experiment.bounds[m])
-        last = slice(first + max(moving - REST_ROWS, 0), first + moving)
-        read = weight[last, 1] > 0.0
-        if read.any():
-            rest[m, 0] = experiment.z[last, 1][read].mean()
-            weight[first : last.start, :2] = 0.0
-    return replace(experiment, weight=weight, rest=rest)
-
-
-def _encoder_noise(log: Log) -> float:
-    """Standard deviation of what the steps of a log's encoder are off [rad]."""
-    step = None if log.encoder is None else resolution_of(np.diff(log.encoder))
-    return (step or 0.0) / math.sqrt(12.0)
-
-
-def _knots(log: Log, rig: Rig) -> tuple[Array, Array]:
-    """Knots of the command through the samples of a log: a trapezoid, or what a loop makes of a smooth goal and encoder.
+def knots_of(log: Log, rig: Rig) -> tuple[Array, Array]:
+    """Knots (K,) [s] of the command through the samples of a log, and (K,) there [rad/s]: a trapezoid, or what a loop makes of a
+    smooth goal and encoder.
 
     A line between the samples of the latter loses (ring * interval)^2 / 12 of what the loop rings, 2 % at 4 ms and 18 Hz.
     """

@@ -139,4 +139,7 @@ def test_a_voltage_that_is_late_makes_no_command_late(also: str) -> None:
         (move,) = spec.profile.moves
         begun = float(log.t[np.argmax(with_its_command.w_cmd != 0.0)])
         late.append((begun - move.start_s) * log.rate_hz)
+        again, _ = with_its_servo(with_its_command, load_rig())
+        assert again.w_cmd == pytest.approx(with_its_command.w_cmd, abs=0.05 * abs(move.speed))
+        assert len(set(again.notes)) == len(again.notes)
     assert np.abs(late).max() <= 1.0, late

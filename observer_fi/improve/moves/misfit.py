@@ -10,7 +10,7 @@ from observer_fi.records import Array
 
 _DUST = 0.001
 _DUST_NOISE = 0.07
-_CLEAR_NOISE = 0.25
+_CLEAR_NOISE = 0.25  # beside the noise of 1: 3 % more scatter
 POSITION = 2  # channel
 OF_POSITION = ("kinematics", "sensor:position")  # equations that only this channel shows
 _CARRIED = ("backlash", "position_lag")  # effects by which a move goes on from all those before it

@@ -24,7 +24,7 @@ _LAWS = {
     "position_periodic_error": ("position", "screw_angle"),
 }  # fmt: skip
 _LEFT_OF_IT = 0.05
-_TIMING = 0.002
+_TIMING = 0.002  # of what a name gains: so much of a gross effect the timing of a servo leaves
 _MOST = 0.5  # of what a curve explains beside a name, that a curve in its place must explain besides
 
 

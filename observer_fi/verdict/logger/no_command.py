@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.logs import is_recovered, with_command
+from observer_fi.logs import CHUNK_ROWS, is_recovered, with_command
 from observer_fi.physics import Rig
 from observer_fi.records import Log
 from observer_fi.settings import BankSettings
@@ -28,18 +28,20 @@ def with_its_servo(log: Log, rig: Rig) -> tuple[Log, Rig]:
     if is_not_followed(log, rig):
         told = with_command(replace(log, w_cmd=np.full(log.t.size, np.nan)), rig)
         return replace(told, notes=(*log.notes, NOT_FOLLOWED)), rig.without_servo
-    log = with_command(log, rig)
-    if rig.law is not None or not rig.watched.servo or not is_recovered(log):
-        return log, rig
-    log = replace(log, notes=(*log.notes, NOT_CHECKED))
-    return _in_time(log, rig), rig.without_servo
+    told = with_command(log, rig)
+    if rig.law is not None or not rig.watched.servo or not is_recovered(told):
+        return told, rig
+    told = _in_time(log, told, rig)
+    return replace(told, notes=tuple(dict.fromkeys((*told.notes, NOT_CHECKED)))), rig.without_servo
 
 
-def _in_time(log: Log, rig: Rig) -> Log:
-    """`log` with a command from voltage and current at one time, where its first start shows that the voltage is later."""
-    late = AsLogged(log, rig.without_servo, BankSettings()).lateness
-    behind = (late.voltage - late.current) / log.rate_hz
-    if behind < LEAST / log.rate_hz:
-        return log
-    blank = replace(with_voltage_ahead(log, behind), w_cmd=np.full(log.t.size, np.nan))
-    return replace(log, w_cmd=with_command(blank, rig).w_cmd)
+def _in_time(log: Log, told: Log, rig: Rig) -> Log:
+    """`told`, which is `log` with its command; with one from voltage and current at one time where the first start shows that the
+    voltage is later.
+    """
+    late = AsLogged(told.part(slice(0, CHUNK_ROWS)), rig.without_servo, BankSettings()).lateness
+    behind = late.voltage - late.current
+    if behind < LEAST:
+        return told
+    blank = replace(with_voltage_ahead(log, behind / log.rate_hz), w_cmd=np.full(log.t.size, np.nan))
+    return replace(with_command(blank, rig), z=log.z)
