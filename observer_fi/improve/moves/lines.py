@@ -59,8 +59,24 @@ def line_by_move(experiment: Experiment, fitted: FitResult, kind: int) -> Line |
     total = gains.sum(axis=0)
     for k in np.argsort(-total)[: _SPARE * (1 + len(experiment.hum_hz))].tolist():
         if total[k] > 0.0 and not _is_hum(experiment, at[k] * turns):
-            return Line(float(at[k]), float(total[k])) if _stands_out(at, gains, k) else None
+            gain = _gain_at(experiment, fitted, kind, float(at[k]))
+            return Line(float(at[k]), gain) if gain > 0.0 and _stands_out(at, gains, k) else None
     return None
+
+
+def _gain_at(experiment: Experiment, fitted: FitResult, kind: int, order: float) -> float:
+    """Nats that a line with a phase of its own in every move gains, with its answer there instead of one between two others."""
+    states, _ = run(experiment, fitted.model, fitted.nuisance)
+    r = Projector(experiment, fitted).r[: 3 * experiment.t.size].reshape(-1, 3)
+    answer = response(
+        experiment, linearised(experiment, fitted.model, states), kind, waves(states[:, s.PHI], order)
+    )
+    price, total = math.log(int((experiment.weight > 0.0).sum())), 0.0
+    for rows in map(experiment.rows, range(experiment.moves)):
+        both = answer[:, rows].reshape(2, -1)
+        pull, size = both @ r[rows].ravel(), float(np.sum(both**2))
+        total += max(float(pull @ pull) / size - price, 0.0) if size > 0.0 else 0.0
+    return total
 
 
 def _stands_out(at: Array, gains: Array, k: int) -> bool:
