@@ -18,7 +18,7 @@ from observer_fi.physics import Model, speed
 from observer_fi.records import Array
 
 # s: 1-sigma. Field logs show 0 to 39 us at each reversal, the period of a servo of 25.6 kHz; slower servos exist.
-_HELD_S = 1e-4
+HELD_S = 1e-4
 CAUGHT_A = (
     2e-3  # 1-sigma of the current in the rest after a stop: it depends on the instant when friction catches
 )
@@ -54,17 +54,24 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     if not kicks or not fast.size:
         return no_doubt(t.size)
     still = t[fast[-1]]
-    steps = tuple((int(np.searchsorted(t, at)), _HELD_S * abs(slope)) for at, slope in kicks)
+    steps = tuple((int(np.searchsorted(t, at)), HELD_S * abs(slope)) for at, slope in kicks)
     source = np.abs(z[:, 0] + model["Rs"] * z[:, 1])
     full = source > _FULL * max(float(source.max()), model["Vmax"])
     first = int(np.searchsorted(t, kicks[0][0]))
     t, weight, full = t[first:], weight[first:], full[first:]
     caught = np.where(t > still, CAUGHT_A, 0.0)[:, None] * np.array([model["Rm"], 1.0, 0.0])
-    speeds = [_HELD_S * slope * _response(t - at, still - at, full, model) for at, slope in kicks]
+    speeds = [HELD_S * slope * _response(t - at, still - at, full, model) for at, slope in kicks]
     B = np.array([*speeds, caught]) * weight
-    _, size, v = np.linalg.svd(B.reshape(len(B), -1), full_matrices=False)
-    share = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
-    return Doubt(first, v * (weight.ravel() > 0.0), share, steps, int(fast[-1]) + 1)
+    return doubt_along(B)._replace(first=first, kicks=steps, still=int(fast[-1]) + 1)
+
+
+def doubt_along(B: Array) -> Doubt:
+    """Doubt in a whole move along normalised readings (K, n, 3), each as large as its standard deviation."""
+    rows = B.reshape(len(B), 3 * B.shape[1])
+    if not np.isfinite(rows).all():  # a model that runs away tells nothing of its doubt
+        rows = rows[:0]
+    _, size, v = np.linalg.svd(rows, full_matrices=False)
+    return Doubt(0, v * rows.any(axis=0), 1.0 - 1.0 / np.sqrt(1.0 + size**2), (), B.shape[1])
 
 
 def no_doubt(rows: int) -> Doubt:

@@ -8,7 +8,7 @@ from campaigns import RIG, campaign
 from scipy.integrate import solve_ivp
 
 from observer_fi.learn.move_data import prepare, unwhitened, whitened
-from observer_fi.learn.reversal_doubt import Doubt, _response, doubt_of, subtract_doubt
+from observer_fi.learn.reversal_doubt import Doubt, _response, doubt_along, doubt_of, subtract_doubt
 
 
 def test_response_is_the_loop_after_a_step_in_speed():
@@ -98,3 +98,19 @@ def test_a_reversal_is_within_its_move(seed: int) -> None:
     z[:, 0] = 0.4 * rng.normal(size=400)
     doubt = doubt_of(np.arange(400) / 1600.0, z, np.ones((400, 3)), 300, RIG.model)
     assert all(row < 400 for row, _ in doubt.kicks)
+
+
+def test_nothing_is_open_along_no_directions_or_those_of_a_model_that_ran_away() -> None:
+    for B in (np.empty((0, 5, 3)), np.full((2, 5, 3), np.nan)):
+        r = np.ones((5, 3))
+        subtract_doubt(r, doubt_along(B))
+        assert (r == 1.0).all()
+
+
+def test_what_no_direction_touches_stays_exactly_as_it_is() -> None:
+    B = np.random.default_rng(3).normal(size=(3, 40, 3))
+    B[:, 7:12, 1] = 0.0
+    r = np.zeros((40, 3))
+    r[:5] = 1.0
+    subtract_doubt(r, doubt_along(B))
+    assert (r[7:12, 1] == 0.0).all() and r.any()
