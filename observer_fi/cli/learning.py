@@ -74,7 +74,7 @@ def run_identify(args: argparse.Namespace) -> int:
 
     rig, name = load_rig(args.rig), folder_name(args.name, args.logs[0])
     logs = _learning_logs(args, rig)
-    note = _told(too_many_moves(logs, rig))
+    note = _told(too_many_moves(logs, rig) if rig.driven.servo else "")
     with Stages(args, IDENTIFY_SHARES) as tell:
         tell("learning the rig")
         fit = identify(logs, rig)

@@ -12,7 +12,7 @@ from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.moves.judgement import MoveSettings
 from observer_fi.improve.moves.keep_curve import Kept
-from observer_fi.improve.moves.simulated_moves import simulated_moves
+from observer_fi.improve.moves.simulated_moves import SimulatedMoves, simulated_moves
 from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
@@ -126,16 +126,29 @@ def improve(
     campaign = campaign_readings(commanded, rig)
     taken, filters = campaign.logs, campaign.low_passes.told
     problem = simulated_moves(taken, campaign.known(with_servo(taken, rig)), moves, settings, filters)
-    ladder = problem.reconsidered(name_causes(problem, progress))
+    problem = _near_its_moves(problem, progress)
+    problem, ladder = problem.followed(name_causes(problem, progress))
+    ladder = problem.reconsidered(ladder)
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")
     counts = new_moves(problem, ladder, rig)
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
     learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
     return replace(
-        found, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters,
-        warnings=campaign.told,
+        found, rig=problem.written, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters,
+        warnings=(*campaign.told, *problem.told),
     )  # fmt: skip
+
+
+def _near_its_moves(problem: SimulatedMoves, progress: Callable[[str], None]) -> SimulatedMoves:
+    """The problem whose loop, where one stands for a servo, follows the motion of a model with the largest cause: what follows
+    another motion hides a part of every cause, and the smaller ones behind the largest.
+    """
+    if problem.given is None:
+        return problem
+    alone = problem.one_step()
+    near, _ = alone.followed(name_causes(alone, progress))
+    return replace(problem, experiment=near.experiment)
 
 
 def improvement_of(

@@ -53,7 +53,7 @@ def new_moves(problem: SimulatedMoves, ladder: Ladder[FitResult], given: Rig) ->
     extended = problem.extended_rig(ladder)
     rigs: dict[str, Callable[[int], Rig]] = {
         "rig_file": lambda m: given,
-        "refit": lambda m: _without(problem.rig, ladder.baseline, m),
+        "refit": lambda m: _without(problem.written, ladder.baseline, m),
         "extended": lambda m: _without(extended, ladder.extended, m),
     }
     if not ladder.steps:  # nothing was named: the extended rig is the refitted one
@@ -114,7 +114,7 @@ def handed_over(
         return given if best == "rig_file" else extended
     fitted = ladder.baseline
     return with_values(
-        problem.rig, {f.name: fitted.model[f.name] for f in fitted.free}, fitted.std, "improve"
+        problem.written, {f.name: fitted.model[f.name] for f in fitted.free}, fitted.std, "improve"
     )
 
 

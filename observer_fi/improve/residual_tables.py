@@ -49,9 +49,10 @@ class Residuals:
 
 
 def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
-    """Tables and curves of a fit's residuals."""
+    """Tables and curves of a fit's residuals, of the channels that count in it."""
     states, _ = run(experiment, fitted.model, fitted.nuisance)
-    r = fitted.residuals
+    kept = experiment.seen
+    r = fitted.residuals[:, kept]
     by_phase = mean_square_by_phase(r, experiment.phase)
     sign = np.sign(states[:, s.W])
     curves = {
@@ -63,7 +64,8 @@ def residual_tables(experiment: Experiment, fitted: FitResult) -> Residuals:
     turns = states[:, s.PHI] / (2.0 * math.pi)
     spectrum = _spectrum((experiment.t[k], r[k]) for k in rows)
     orders = _spectrum(_rising(turns[k], r[k]) for k in rows)
-    return Residuals(CHANNELS, "noise", experiment.t, r, by_phase, curves, spectrum, orders)
+    channels = tuple(CHANNELS[c] for c in kept)
+    return Residuals(channels, "noise", experiment.t, r, by_phase, curves, spectrum, orders)
 
 
 def force_tables(motions: Sequence[Motion], fitted: Solution, rig: Rig) -> Residuals:

@@ -2,8 +2,14 @@
 
 from observer_fi.learn.contacts_and_losses import find_stops, stops_of_travel
 from observer_fi.learn.equation_errors import with_equation_errors
-from observer_fi.learn.gauss_newton import Free, Point, objective, project, scales
-from observer_fi.learn.identification import campaign_readings, identified_rig, identify, residuals_by_phase
+from observer_fi.learn.gauss_newton import NUISANCE_STEP, Free, Point, objective, project, scales
+from observer_fi.learn.identification import (
+    MAKER,
+    campaign_readings,
+    identified_rig,
+    identify,
+    residuals_by_phase,
+)
 from observer_fi.learn.inverse_checks import PositionServo, closed_loop, predict, tune
 from observer_fi.learn.inverse_columns import TERMS, TIMING, Columns, Sharing, Term, term_of
 from observer_fi.learn.inverse_dynamics import (
@@ -64,13 +70,17 @@ from observer_fi.learn.output_error import (
     whiteness,
     without_moves,
 )
-from observer_fi.learn.reversal_doubt import CAUGHT_A
+from observer_fi.learn.reversal_doubt import CAUGHT_A, doubt_along
 from observer_fi.learn.servo.command_timing import doubtful, timed
 from observer_fi.learn.servo.servo_start import with_crawl
-from observer_fi.learn.servo.unknown_servo import with_servo
+from observer_fi.learn.servo.tracking_loop import followed, tracked
+from observer_fi.learn.servo.unknown_servo import with_servo, with_usual_servo
 from observer_fi.learn.servo.whole_command import with_whole_command
 
 __all__ = [
+    "MAKER",
+    "NUISANCE_STEP",
+    "doubt_along",
     "CAUGHT_A",
     "CURRENT",
     "CURRENT_COMMAND",
@@ -110,6 +120,7 @@ __all__ = [
     "extended_rig",
     "find_stops",
     "fit",
+    "followed",
     "held_out",
     "identified_rig",
     "identify",
@@ -143,11 +154,13 @@ __all__ = [
     "term_of",
     "tune",
     "too_many_moves",
+    "tracked",
     "unwhitened",
     "whitened",
     "whiteness",
     "with_crawl",
     "with_servo",
+    "with_usual_servo",
     "with_whole_command",
     "without_moves",
     "with_equation_errors",

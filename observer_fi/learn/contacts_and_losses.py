@@ -195,7 +195,7 @@ def _steady(experiment: Experiment, model: Model) -> tuple[Array, Array, Array, 
         rows = experiment.rows(m)
         t = experiment.t[rows]
         steady = (experiment.w_cmd(m) == experiment.peak[m]) & (t - t[experiment.moving[m]] > _SETTLED_S)
-        k = np.flatnonzero(steady & (experiment.weight[rows] > 0.0).all(axis=1))
+        k = np.flatnonzero(steady & (experiment.weight[rows, 1:] > 0.0).all(axis=1))
         for block in np.array_split(k, max(k.size // _BLOCK, 1)):
             if block.size >= _BLOCK // 2:
                 z = experiment.z[rows][block]

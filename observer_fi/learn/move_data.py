@@ -7,7 +7,7 @@ measured. Two numbers per move are free: the current that holds the mass at rest
 import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ _PLAY_ROWS = 30  # samples after a log's first start in which the play may still
 # Of the fastest speed and the largest current of a move, and times the change from one reading to the next: a "rest" that swings
 # more is none, the loop rings or never stops.
 _SWINGS, _SMOOTH = 0.1, 2.0
+_NONE = 1e-3  # of the noise: next to no doubt at all
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
@@ -55,7 +56,8 @@ class Experiment:
     [A] and position [m] at rest; noise (3,). doubts: per move, what a reversal leaves open. knots: per log, times and
     values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
     the slow states. at_rest: see `Drive`. hum_hz: lines of the logger. older_s: by which voltage and current may be older than
-    their rows.
+    their rows. silent: equations that are not simulated. driven (N,): the measured current that drives a simulation in place of a
+    servo [A], empty where a servo does.
     """
 
     t: Array
@@ -81,6 +83,8 @@ class Experiment:
     steps: int = 2
     hum_hz: tuple[float, ...] = ()
     older_s: float = 0.0
+    silent: tuple[str, ...] = ()
+    driven: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def moves(self) -> int:
@@ -95,8 +99,17 @@ class Experiment:
         std = _REST_DOUBT * self.noise[1:] / np.sqrt(np.maximum(readings, 1))
         # A drive that is off holds what it held before.
         std[readings[:, 0] == 0, 0] = float(np.abs(self.z[:, 1]).max())
+        if self.driven.size:  # what drives a move is measured, and its beginning with it
+            std[:, 0] = _NONE * self.noise[1]
+            stands = np.array([np.ptp(self.z[rest, 2]) == 0.0 for rest in rests])
+            std[stands, 1] = np.maximum(std[stands, 1], self.noise[2])
         std[self.before == 0.0, 1] = _UNKNOWN_PLAY
         return std
+
+    @property
+    def seen(self) -> list[int]:
+        """Channels of which any reading counts."""
+        return np.flatnonzero((self.weight > 0.0).any(axis=0)).tolist()
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -140,7 +153,7 @@ def spread_moves(moves: Sequence[Segment], share: float) -> list[int]:
 
 def too_many_moves(logs: Sequence[Log], rig: Rig, most: int = MOST_ROWS) -> str:
     """What to say of logs with more moves than are fitted at once, "" of others."""
-    if not rig.driven.servo or sum(log.t.size for log in logs) <= most:
+    if not rig.driven.motor or sum(log.t.size for log in logs) <= most:
         return ""
     moves = [moves_from_rest(with_command(log, rig)) for log in logs]
     share = share_of(moves, most)

@@ -9,7 +9,7 @@ import pytest
 from campaigns import behind_a_loop, campaign, loop_log
 from hidden.acquisition import ideal
 
-from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.errors import InvalidLogError
 from observer_fi.improve.diagnosis_gain import DiagnosisGain
 from observer_fi.improve.improvement import Improvement, improve, to_json
 from observer_fi.learn.output_error import whiteness
@@ -96,11 +96,6 @@ def test_whiteness_tells_white_from_coloured():
 def test_a_log_without_the_force_of_its_rig_is_refused():
     with pytest.raises(InvalidLogError, match="force_cmd_n"):
         improve([campaign()], replace(RIG, drive="force"))
-
-
-def test_a_drive_that_shows_no_servo_is_refused():
-    with pytest.raises(UsageError, match="servo"):
-        improve([campaign()], replace(RIG, drive="current"))
 
 
 def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):

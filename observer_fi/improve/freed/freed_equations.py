@@ -81,7 +81,8 @@ class FreedEquation:
 
 def free_each(experiment: Experiment, model: Model, linear: Linear, series: Series) -> list[Freed]:
     """Every disturbance that these rows could show, in the order of `DISTURBANCES`."""
-    shown = [k for k in range(len(DISTURBANCES)) if np.any(linear.G[k]) or np.any(linear.S[k])]
+    told = [k for k, what in enumerate(DISTURBANCES) if what.equation not in experiment.silent]
+    shown = [k for k in told if np.any(linear.G[k]) or np.any(linear.S[k])]
     references = _references(model, experiment.noise)
     none = likelihood(linear, series, 0, 0.0, MEMORIES[0])[0]
     with ThreadPoolExecutor(2) as pool:

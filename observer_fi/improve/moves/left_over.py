@@ -1,5 +1,6 @@
 """What the model with every named cause still leaves of simulated moves: smooth terms, or an equation without a name."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -65,14 +66,22 @@ def _wanted(
     below = whole < -_BELOW * int((experiment.weight > 0.0).sum())  # noise of the logger that is not white
     if below or slow_excess(experiment, fitted.residuals) <= _SLOW_SHARE * least:
         return ()
-    freed = [row for row in free(fitted)[0] if row.gain >= least]
+    # A loop that follows a noisy position wanders, which a free equation takes for its own.
+    followed = experiment.driven.size > 0
+    most, least = (whole, max(least, clear(experiment))) if followed else (math.inf, least)
+    freed = [row for row in free(fitted)[0] if min(row.gain, most) >= least]
     return (nameless(freed[0].equation, freed[0].gain, whole),) if freed else ()
 
 
 def _line(experiment: Experiment, fitted: FitResult) -> Smooth | None:
     """A line over the motor's angle that explains the most of what a fit leaves, if there is one, by its order."""
     whole = raw_excess(experiment, fitted.residuals)
-    found = [(line_by_move(experiment, fitted, kind), DISTURBANCES[kind].equation) for kind in LINES_OF]
+    equations = {kind: DISTURBANCES[kind].equation for kind in LINES_OF}
+    found = [
+        (line_by_move(experiment, fitted, k), name)
+        for k, name in equations.items()
+        if name not in experiment.silent
+    ]
     lines = [(line, equation) for line, equation in found if line is not None]
     line, equation = max(lines, key=lambda pair: pair[0].gain, default=(None, ""))
     if line is None or line.gain < MOST_OF_IT * whole:
@@ -86,6 +95,8 @@ def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smo
     whole = max(raw_excess(experiment, r), *(raw_excess(experiment, r, c) for c in range(3)))
     most = excess(experiment, ladder.baseline.residuals)
     least, of_position = dust(experiment, most), position_dust(experiment, most)
+    if experiment.driven.size:  # what a loop that follows a noisy position leaves open is not all of it noise
+        least, of_position = max(least, clear(experiment)), max(of_position, clear(experiment))
     slow = (
         slow_excess(experiment, r) > _SLOW_SHARE * least
         or slow_excess(experiment, r, POSITION) > _SLOW_SHARE * of_position

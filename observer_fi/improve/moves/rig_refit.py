@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer_fi.improve.moves.misfit import POSITION
-from observer_fi.learn import Experiment, FitResult, Free, find_stops, fit, stops_of_travel
+from observer_fi.learn import MAKER, Experiment, FitResult, Free, find_stops, fit, stops_of_travel
 from observer_fi.physics import CAUSES, Curve, Model, Rig, override, parameters
 from observer_fi.records import Log
 
@@ -15,6 +15,8 @@ _PRIORS = {
     "Vmax": 0.1, "Kp": 0.5, "Ki": 0.5, "J": 0.5, "A": 0.5, "B": 0.5, "Rs": 2.0,
     "Rm": 5e-4, "Km": 5e-4, "D": 2e-4,
 }  # fmt: skip
+# Constants that one equation alone has.
+_ONLY_IN = {"servo": ("Vmax", "Kp", "Ki", "Rs"), "electrical": ("Rm", "Km")}
 # By how much of the servo's delay, half a tick, samples are older than its current is on average: any part of it is as likely.
 _AGE = Free("tick_share", 2e-2, -1.25, 1.25, 0.0, 1.0 / math.sqrt(3.0))
 _SERVO_S = 1e-4  # half the period of a servo of 5 kHz or more, where none is known
@@ -24,24 +26,40 @@ _STOPS = {"C": 1.0, "E": 0.2}
 STOP_NATS = 100.0  # that stops must gain in the refit
 
 
-def base_parameters(rig: Rig, model: Model, older_s: float = 0.0) -> tuple[Free, ...]:
-    """What a refit may move without saying that something is missing. older_s: see `Experiment`."""
-    names = dict(_PRIORS)
+def base_parameters(
+    rig: Rig, model: Model, older_s: float = 0.0, silent: Sequence[str] = ()
+) -> tuple[Free, ...]:
+    """What a refit may move without saying that something is missing. older_s, silent: see `Experiment`."""
+    unseen = {name for equation in silent for name in _ONLY_IN.get(equation, ())}
+    names = {name: prior for name, prior in _PRIORS.items() if name not in unseen}
     free = []
     if math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"]):
         names |= _STOPS
     for name, relative in names.items():
         value = rig.model[name]
-        relative = max(relative, rig.spread(name))
+        if not value:  # gravity of a screw that lies: nothing to scale
+            continue
+        learned = rig.quantities[name].std if name in rig.quantities else None
+        of_fit = (learned or 0.0) / abs(value)
+        of_maker = (
+            MAKER.get(name, 0.0) if "servo" in silent else 0.0
+        )  # no servo's starts tell them any better
+        relative = max(relative, rig.spread(name), of_fit, of_maker)
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
+    if (
+        "servo" in silent
+    ):  # who holds its current between the samples drives later, or earlier, than a line between them
+        between = Free("tick_phase", 1e-5, -older_s, older_s, 0.0, older_s / math.sqrt(12.0))
+        return (*free, *_stops(model), between)
     return (*free, *_stops(model), _servo_delay(model["servo_delay"]), _AGE, _tick_phase(older_s))
 
 
-def refit_of_the_rig(experiment: Experiment, rig: Rig, model: Model) -> FitResult:
+def refit_of_the_rig(experiment: Experiment, rig: Rig, model: Model, held: Sequence[str] = ()) -> FitResult:
     """The fit of what a refit may move: first without the age of the samples, beside which a first step from far off may end at
     the edge of stick and slip.
     """
-    free = base_parameters(rig, model, experiment.older_s)
+    every = base_parameters(rig, model, experiment.older_s, experiment.silent)
+    free = tuple(f for f in every if f.name not in held)
     begun = fit(experiment, model, [f for f in free if f.name != _AGE.name])
     return fit(experiment, begun.model, free)
 
@@ -70,18 +88,21 @@ def _stops(model: Model) -> tuple[Free, ...]:
     return tuple(free)
 
 
-def with_stops(experiment: Experiment, logs: Sequence[Log], rig: Rig) -> Model:
+def with_stops(
+    experiment: Experiment, logs: Sequence[Log], rig: Rig, logged: Experiment | None = None
+) -> Model:
     """The rig's model with the stops that the current or the travel shows, where a refit is better for them.
 
     A torque that is linear in the position is free in that refit: an offset or a spring looks like a stop at the end of the
-    travel.
+    travel. logged: the moves as they were logged, where a loop stands for the servo.
     """
-    shown = find_stops(experiment, rig)
+    shown = find_stops(logged or experiment, rig)
     seen = stops_of_travel(experiment, logs, shown)
     models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
     if len(models) == 1:
         return rig.model
-    each = [[f for f in base_parameters(rig, m, experiment.older_s) if f.name != _AGE.name] for m in models]
+    every = [base_parameters(rig, m, experiment.older_s, experiment.silent) for m in models]
+    each = [[f for f in free if f.name != _AGE.name] for free in every]
     fits = [_with_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
     return models[int(np.argmin([f.objective + STOP_NATS * k for k, f in enumerate(fits)]))]
 
@@ -96,7 +117,8 @@ def _with_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -
     return fit(experiment, override(model, model.name, **parameters(spring)), (*free, *ends))
 
 
-def causes_of(model: Model) -> tuple[str, ...]:
-    """The causes that moves of this model can speak about at all."""
+def causes_of(model: Model, silent: Sequence[str] = ()) -> tuple[str, ...]:
+    """The causes that moves of this model can speak about at all. silent: see `Experiment`."""
     touched = math.isfinite(model["x_stop_high"]) or math.isfinite(model["x_stop_low"])
-    return tuple(name for name, cause in CAUSES.items() if touched or cause.equation != "contact")
+    unseen = {*silent, *(() if touched else ("contact",))}
+    return tuple(name for name, cause in CAUSES.items() if cause.equation not in unseen)

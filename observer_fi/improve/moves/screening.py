@@ -13,7 +13,18 @@ from itertools import combinations
 import numpy as np
 
 from observer_fi.improve.steps import Candidate
-from observer_fi.learn import Experiment, FitResult, Free, fit, nuisance_columns, residuals_each, run, scales
+from observer_fi.learn import (
+    NUISANCE_STEP,
+    Experiment,
+    FitResult,
+    Free,
+    doubt_along,
+    fit,
+    nuisance_columns,
+    residuals_each,
+    run,
+    scales,
+)
 from observer_fi.numerics import matvec, orthonormal, self_gram, subtract_rows
 from observer_fi.physics import CAUSES, MOVES, PARAMETERS, Cause, Coverage, Model, Term, Variant, override
 from observer_fi.physics import simulation as s
@@ -123,10 +134,7 @@ class Projector:
     def __init__(self, experiment: Experiment, fitted: FitResult) -> None:
         self.experiment = experiment
         around = nuisance_columns(experiment, fitted.model, fitted.nuisance, fitted.residuals)
-        self._bases = []
-        for m in range(experiment.moves):
-            rows = experiment.rows(m)
-            self._bases.append(orthonormal(around[:, rows].reshape(2, -1)))
+        self._open = [_left_open(experiment, around, m) for m in range(experiment.moves)]
         inner = [k for k, f in enumerate(fitted.free) if f.low < fitted.model[f.name] < f.high]
         free = [fitted.free[k] for k in inner]  # what is at a bound cannot make room for a candidate
         prior = scales(free) / np.array([f.prior_std for f in free])
@@ -144,11 +152,27 @@ class Projector:
 
     def _clean(self, column: Array) -> Array:
         out = column.ravel().copy()
-        for m, basis in enumerate(self._bases):
+        for m, (basis, share) in enumerate(self._open):
             rows = self.experiment.rows(m)
             y = out[3 * rows.start : 3 * rows.stop]
-            subtract_rows(y, matvec(basis, y), basis)
+            subtract_rows(y, share * matvec(basis, y), basis)
         return out
+
+
+def _left_open(experiment: Experiment, around: Array, move: int) -> tuple[Array, Array]:
+    """Orthonormal rows (k, 3 n) along which the two numbers of a move change its readings, and the share taken of each (k,).
+
+    around: see `nuisance_columns`. Where a loop holds a motion near the measured one, a steady torque looks like another position
+    at rest, which is known far better than that.
+    """
+    rows = around[:, experiment.rows(move)].reshape(2, -1)
+    if not experiment.driven.size:
+        basis = orthonormal(rows)
+        return basis, np.ones(len(basis))
+    known = doubt_along(
+        (experiment.nuisance_std[move] / NUISANCE_STEP)[:, None, None] * rows.reshape(2, -1, 3)
+    )
+    return known.directions, known.share
 
 
 def _score(base: Projector, cause: Cause, variant: Variant, block: Array) -> Candidate | None:

@@ -92,7 +92,7 @@ def smooth_terms(experiment: Experiment, fitted: FitResult, excess: float) -> li
     projector, linear = Projector(experiment, fitted), linearised(experiment, fitted.model, states)
     found = []
     for shape in _shapes(experiment, projector, fitted.model, linear, states):
-        for equation in (name for name in KINDS if shape.fits(name)):
+        for equation in (name for name in KINDS if shape.fits(name) and name not in experiment.silent):
             for kind in KINDS[equation]:
                 columns = response(experiment, linear, kind, shape.basis)
                 term = _judge(experiment, projector, columns, equation, shape, excess)
@@ -149,6 +149,7 @@ def _shapes(
         *(
             _of_order(line.at, given["shaft_angle"])
             for kind, most in LINES_OF.items()
+            if DISTURBANCES[kind].equation not in experiment.silent
             for line in order_lines(experiment, projector, linear, states, most, kind)
         ),
     ]
@@ -273,8 +274,11 @@ def rest_steps(experiment: Experiment, fitted: FitResult) -> list[Smooth]:
     """Steps of the shown position between the end of one move and the start of the next, where the mass rests.
 
     One move's own rest position hides a sensor that drifts or tilts; the steps between the moves show it. Each move
-    tells its offset to a thirtieth of the noise. A rest that slips turns the motor by di/Ki, 0.1 um of x at most.
+    tells its offset to a thirtieth of the noise. A rest that slips turns the motor by di/Ki, 0.1 um of x at most. Where the
+    simulation follows the position that was measured, nothing can be told.
     """
+    if experiment.driven.size:
+        return []
     states, _ = run(experiment, fitted.model, fitted.nuisance)
     pairs = np.flatnonzero((np.diff(experiment.log) == 0) & _nothing_between(experiment))
     if pairs.size < _FEWEST_STEPS:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer_fi.errors import UsageError
 from observer_fi.learn.identification import identified_rig, identify
 from observer_fi.logs import is_recovered
 from observer_fi.physics import PARAMETERS, Quantity, Rig
@@ -17,31 +16,24 @@ RINGING = 100.0  # rad/s, sqrt(Km Ki / J)
 SOURCE = 0.03  # resistance of the supply, as a share of the winding's
 
 
-def with_servo(logs: Sequence[Log], rig: Rig) -> Rig:
-    """`rig` driven by the PI servo (equations 3 to 6) that its logs show; as it is where it has one.
+def shows_servo(logs: Sequence[Log], rig: Rig) -> bool:
+    """Whether logs of a rig that comes without a servo show one: by its voltage, and by a commanded speed that was logged."""
+    return "voltage_v" in rig.driven.columns and not any(map(is_recovered, logs))
 
-    Raises UsageError where the logs cannot show one: without voltage, or without a commanded speed.
-    """
-    if rig.driven.servo:
+
+def with_servo(logs: Sequence[Log], rig: Rig) -> Rig:
+    """`rig` driven by the PI servo (equations 3 to 6) that its logs show; as it is where it has one, or they show none."""
+    if rig.driven.servo or not shows_servo(logs, rig):
         return rig
-    if "voltage_v" not in rig.driven.columns:
-        raise UsageError(
-            f'rig {rig.name!r} has drive = "{rig.drive}": a servo shows in voltage and commanded speed only'
-        )
-    for log in logs:
-        if is_recovered(log):
-            raise UsageError(
-                f"{log.path}: column speed_cmd_rad_s is missing; a servo cannot be learned without it; log it"
-            )
     plant = identified_rig(identify(logs, rig), rig)
-    guess = replace(plant, drive="pi_servo", quantities={**plant.quantities, **_guess(logs, plant)})
+    guess = with_usual_servo(logs, plant)
     return identified_rig(identify(logs, guess), guess)
 
 
-def _guess(logs: Sequence[Log], plant: Rig) -> dict[str, Quantity]:
-    """Supply and acceleration as the logs reach them, gains of a loop that rings as most do."""
+def with_usual_servo(logs: Sequence[Log], plant: Rig) -> Rig:
+    """`plant` behind a PI servo: supply and acceleration as the logs reach them, gains of a loop that rings as most do."""
     J, Km = plant.model["J"], plant.model["Km"]
-    top = max(float(np.nanmax(np.abs(log.z[:, 0]))) for log in logs)
+    top = max(_highest(log, plant) for log in logs)
     accel = max(float(np.max(np.abs(np.diff(log.w_cmd) / np.diff(log.t)))) for log in logs)
     values = {
         "Vmax": top,
@@ -50,4 +42,14 @@ def _guess(logs: Sequence[Log], plant: Rig) -> dict[str, Quantity]:
         "Ki": J * RINGING**2 / Km,
         "accel_cmd": accel,
     }
-    return {name: Quantity(value, PARAMETERS[name][0], "from the logs") for name, value in values.items()}
+    servo = {name: Quantity(value, PARAMETERS[name][0], "from the logs") for name, value in values.items()}
+    return replace(plant, drive="pi_servo", quantities={**plant.quantities, **servo})
+
+
+def _highest(log: Log, plant: Rig) -> float:
+    """The highest voltage of a log, of its current and the speed it was asked for where none was read [V]."""
+    voltage = np.abs(log.z[:, 0])
+    if np.isfinite(voltage).any():
+        return float(np.nanmax(voltage))
+    i, w = np.nanmax(np.abs(log.z[:, 1])), np.max(np.abs(log.w_cmd))
+    return float(plant.model["Rm"] * i + plant.model["Km"] * w)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from observer_fi.improve.moves.rig_refit import base_parameters
-from observer_fi.physics import load_rig, override
+from observer_fi.physics import load_rig, override, with_values
 
 RIG = load_rig()
 
@@ -39,3 +39,20 @@ def test_readings_that_a_converter_holds_may_be_as_old_as_a_row(older_s: float):
         assert abs(usual.prior + age - older.prior) < 2.0 * older.prior_std
     assert older.prior == pytest.approx(usual.prior + 0.5 * older_s)
     assert older.prior_std**2 == pytest.approx(usual.prior_std**2 + older_s**2 / 12.0)
+
+
+def test_a_constant_that_is_given_as_none_at_all_is_not_refitted() -> None:
+    """A screw that lies has no gravity; its prior had no width, and a division by it ended the command."""
+    names = {f.name for f in base_parameters(with_values(RIG, {"B": 0.0}), RIG.model)}
+    assert "B" not in names and {"A", "J"} < names
+
+
+def test_without_a_servo_its_constants_are_not_free_and_makers_values_are_as_wide_as_identify_takes_them() -> (
+    None
+):
+    every = {f.name: f for f in base_parameters(RIG, RIG.model)}
+    own = {f.name: f for f in base_parameters(RIG, RIG.model, 1e-3, ("servo", "sensor:current"))}
+    assert not {"Kp", "Ki", "Vmax", "Rs", "servo_delay", "tick_share"} & own.keys()
+    assert own["Km"].prior_std > 3.0 * every["Km"].prior_std
+    winding = {f.name for f in base_parameters(RIG, RIG.model, 1e-3, ("servo", "electrical"))}
+    assert not {"Rm", "Km"} & winding  # a scale of the current and of every torque

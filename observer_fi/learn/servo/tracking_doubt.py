@@ -1,0 +1,108 @@
+"""What a loop that follows the measured position leaves open in the readings of a move (`tracking_loop.py`).
+
+The noise of the position moves the simulation through the loop, that of the current by itself, and both wander as slowly as the
+loop is. Where the current bends between two readings, the speed that it makes is off by a step, and friction may hold a motor
+back where it turns round. All is known in shape and in size, and projected out as `reversal_doubt.py` does.
+
+An error e = phi - phi_simulated obeys e'' = a - L e, where L = (sqrt(2) ring d/dt + ring^2) times the low-pass of what the loop
+follows, which looks as far ahead as back: so does e. a: an acceleration that nobody knows [rad/s^2].
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # whose parts load when they are used: `fft` takes a while
+from numpy.typing import NDArray
+
+from observer_fi.learn.reversal_doubt import HELD_S, Doubt, doubt_along
+from observer_fi.physics import Model
+from observer_fi.records import Array
+
+DAMPING = math.sqrt(2.0)  # twice that of the settled filter
+SMOOTH = 2.0  # times the ring of the loop: faster, the measured motion is the simulation's own
+
+_LEAST = 0.3  # standard deviations: a smaller wander or step is none beside the noise
+_MOST_WAVES, _MOST_STEPS = 40, 20  # of one move
+_IN_A_SAMPLE = 1.0 / math.sqrt(12.0)  # of a sample: when in it a servo jumped
+_MOST_ROWS = 1 << 19  # on either side of it
+_SETTLED = 40.0  # radians of the ring on either side, after which a step has no more effect
+
+
+class Loop(NamedTuple):
+    """A loop that rings at `ring` [rad/s] around a model."""
+
+    ring: float
+    model: Model
+
+    def back(self, at: Array) -> NDArray[np.complex128]:
+        """(k,) L at angular frequencies [rad/s], 1/s^2."""
+        low_pass = 1.0 / (1.0 + (at / (SMOOTH * self.ring)) ** 4)
+        return np.asarray((DAMPING * self.ring * 1j * at + self.ring**2) * low_pass, dtype=np.complex128)
+
+    def voltage(self, at: Array) -> Array:
+        """(k,) V s/rad: what an error of the speed makes of the voltage, with the current that follows it."""
+        m = self.model
+        return m["Km"] * np.hypot(1.0, at * m["J"] * m["Rm"] / m["Km"] ** 2)
+
+
+def tracking_doubt(t: Array, i: Array, w: Array, weight: Array, noise: Array, loop: Loop) -> Doubt:
+    """Doubt in the readings of one move at t (n,), driven by a current i (n,), of speed w (n,), with weights (n, 3).
+
+    noise: (3,) of a reading each.
+    """
+    B = [*_waves(t, noise, loop), *_steps(t, i, w, noise, loop)]
+    return doubt_along(np.array(B).reshape(len(B), t.size, 3) * weight)
+
+
+def _waves(t: Array, noise: Array, loop: Loop) -> list[Array]:
+    """(n, 3) each: cosines over a move, as high as the voltage wanders with them."""
+    k = np.arange(min(_MOST_WAVES, t.size))
+    length = float(t[-1] - t[0]) * t.size / max(t.size - 1, 1)
+    at = np.asarray(math.pi / length * k, dtype=np.float64)
+    L = loop.back(at)
+    shaken = np.array([L * noise[2] / loop.model["D"], np.full(at.size, _push(loop.model) * noise[1])])
+    turned = np.linalg.norm(at * np.abs(shaken / (L - at**2)), axis=0)
+    found = []
+    for one, high in zip(k.tolist(), (loop.voltage(at) * turned).tolist(), strict=True):
+        if high > _LEAST * noise[0]:
+            wave = np.cos(math.pi * one * (np.arange(t.size) + 0.5) / t.size)
+            found.append(np.outer(high * wave / np.linalg.norm(wave), (1.0, 0.0, 0.0)))
+    return found
+
+
+def _push(model: Model) -> float:
+    """Acceleration by a current [rad/(s^2 A)]."""
+    return model["Km"] / model["J"]
+
+
+def _steps(t: Array, i: Array, w: Array, noise: Array, loop: Loop) -> list[Array]:
+    """(n, 3) each: what goes with steps of the speed where the current bends the most, and where the motor turns round."""
+    dt = np.gradient(t)
+    turns = np.flatnonzero((w[1:] * w[:-1] <= 0.0) & (w[1:] != w[:-1]))
+    step = _push(loop.model) * _IN_A_SAMPLE * np.abs(np.diff(i, 2, append=[i[-1]] * 2)) * dt
+    held = np.abs(np.diff(w))[turns] * np.maximum(HELD_S / dt[turns], _IN_A_SAMPLE)
+    step[turns] = np.hypot(step[turns], held)
+    D, Km = loop.model["D"], loop.model["Km"]
+    seen = np.maximum(Km * step / noise[0], D * step / loop.ring / noise[2])
+    rows = [row for row in np.argsort(-seen)[:_MOST_STEPS].tolist() if seen[row] > _LEAST]
+    if not rows:
+        return []
+    since, shown = _around_a_step(float(np.median(dt)), loop)
+    return [
+        step[row] * np.column_stack([np.interp(t - t[row], since, c, 0.0, 0.0) for c in shown.T])
+        for row in rows
+    ]
+
+
+def _around_a_step(dt: float, loop: Loop) -> tuple[Array, Array]:
+    """Times (K,) [s] around a step of 1 rad/s in the speed, and what V, i, x are off there (K, 3)."""
+    size = scipy.fft.next_fast_len(2 * min(math.ceil(_SETTLED / (loop.ring * dt)), _MOST_ROWS))
+    at = np.asarray(2.0 * math.pi * np.fft.rfftfreq(size, dt), dtype=np.float64)
+    L = loop.back(at)
+    phi, pulled = (np.fft.fftshift(np.fft.irfft(E, size)) / dt for E in (1.0 / (L - at**2), L / (L - at**2)))
+    since = np.asarray(dt * (np.arange(size) - size // 2), dtype=np.float64)
+    w = (since >= 0.0) - dt * np.cumsum(pulled)
+    i = -pulled / _push(loop.model)
+    m = loop.model
+    return since, np.column_stack([m["Rm"] * i + m["Km"] * w, np.zeros(size), m["D"] * phi])

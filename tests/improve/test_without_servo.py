@@ -1,0 +1,83 @@
+"""`improve` for motors whose servo nobody knows: by the measured current alone, or with the voltage and no commanded speed."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import hidden
+import pytest
+from drawn_sheets import drawn_sheet
+from hidden.effects import Effect, effect
+
+from observer_fi.improve import Improvement, improve
+from observer_fi.learn import identified_rig, identify
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import Rig, rig_of_sheet
+from observer_fi.records import Log
+from observer_fi.report import improve_files
+
+CASES = [("voltage", 853004), ("current", 853004), ("voltage", 853005), ("current", 853005)]
+HEALTHY = [("voltage", 854001), ("current", 854000), ("voltage", 854002), ("current", 854002)]
+OF_A_SERVO = (
+    "input_delay",
+    "current_lag",
+    "integrator_clamp",
+    "acceleration_limit",
+    "dead_zone",
+    "current_gain",
+)
+
+
+@cache
+def campaign(drive: str, seed: int, *effects: Effect) -> tuple[Log, Rig]:
+    """A campaign of a drawn actuator, and the rig file that its user learned from a healthy one."""
+    actuator = hidden.draw_actuator(seed, drive)
+    spec = replace(hidden.healthy_spec(actuator), effects=effects)
+    log = log_from_frame(hidden.actuator_log(actuator, spec, seed)[0])
+    if effects:
+        return log, campaign(drive, seed)[1]
+    rig = rig_of_sheet(drawn_sheet(actuator, drive)).rig
+    return log, identified_rig(identify([log], rig), rig)
+
+
+@cache
+def improved(drive: str, seed: int, *effects: Effect) -> Improvement:
+    log, rig = campaign(drive, seed, *effects)
+    return improve([log], rig)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drive", "seed"), CASES)
+@pytest.mark.first(2)
+def test_viscous_friction_has_its_name_and_size(drive: str, seed: int) -> None:
+    actuator = hidden.draw_actuator(seed, drive)
+    size = 0.3 * actuator.rig.A / actuator.speed
+    found = improved(drive, seed, effect("viscous_friction", plus=size, minus=size))
+    assert [one.cause for one in found.findings] == ["viscous_friction"]
+    for value in found.findings[0].parameters.values():
+        assert value.value == pytest.approx(size, rel=0.1)
+    assert found.extended_rig.drive == drive and found.new_moves.best == "extended"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drive", "seed"), HEALTHY)
+@pytest.mark.first(2)
+def test_a_healthy_campaign_misses_nothing(drive: str, seed: int) -> None:
+    found = improved(drive, seed)
+    assert found.findings == ()
+    assert found.baseline.nll_per_sample < found.baseline.noise_floor_nll + 0.3
+    given = set(found.extended_rig.quantities) - set(campaign(drive, seed)[1].quantities)
+    assert not given & {"Kp", "Ki", "Vmax", "Rs"}  # of the loop that stood for a servo
+    untold = [name for name in OF_A_SERVO if found.detectable[name] is not None]
+    assert not untold and found.detectable["viscous_friction"] is not None
+
+
+@pytest.mark.slow
+def test_its_page_says_what_was_not_tested_and_draws_what_was() -> None:
+    drive, seed = HEALTHY[1]
+    found = improved(drive, seed)
+    assert "servo, current sensor, winding are not tested" in found.warnings[-1]
+    assert found.before.channels == ("position",)
+    files = improve_files(found, None, "rig", [campaign(drive, seed)[0].path])
+    record = json.loads(files["improve.json"])
+    assert set(record["baseline"]["whiteness_p"]) == {"position_m"}

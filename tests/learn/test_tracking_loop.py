@@ -1,0 +1,117 @@
+"""A simulation that the measured current drives, held near the measured position: it leaves white noise of a right model."""
+
+from dataclasses import replace
+from functools import cache
+
+import hidden
+import numpy as np
+import pytest
+from drawn_sheets import drawn_sheet
+from hidden.effects import effect
+
+from observer_fi.errors import UsageError
+from observer_fi.improve.moves.simulated_moves import SimulatedMoves, simulated_moves
+from observer_fi.learn.output_error import residuals
+from observer_fi.learn.servo.tracking_doubt import Loop, tracking_doubt
+from observer_fi.logs import log_from_frame, on_its_clock, thinned, with_command
+from observer_fi.physics import rig_of_sheet, with_values
+
+TRUE = ("Km", "D", "J", "A", "B")
+WINDING = ("Rm",)
+VISCOUS = 0.3  # of the Coulomb friction, at full speed
+CASES = [(drive, seed) for seed in (853001, 853002, 853003) for drive in ("voltage", "current")]
+
+
+@cache
+def problem(drive: str, seed: int, viscous: float = 0.0) -> SimulatedMoves:
+    """Moves of a drawn actuator, simulated with its true constants; of its friction `viscous` more at full speed is not known."""
+    actuator = hidden.draw_actuator(seed, drive)
+    more = viscous * actuator.rig.A / actuator.speed
+    hidden_one = (effect("viscous_friction", plus=more, minus=more),) if viscous else ()
+    frame, _ = hidden.actuator_log(actuator, replace(hidden.healthy_spec(actuator), effects=hidden_one), seed)
+    rig = rig_of_sheet(drawn_sheet(actuator, drive)).rig
+    names = (*TRUE, *(WINDING if drive == "voltage" else ()))
+    rig = with_values(rig, {name: getattr(actuator.rig, name) for name in names}, {}, "identified")
+    log = on_its_clock(thinned(log_from_frame(frame), rig), rig)
+    return simulated_moves([with_command(log, rig)], rig)
+
+
+def left(one: SimulatedMoves, **values: float) -> tuple[float, float]:
+    """Root mean square of the normalised residuals of voltage and position, and that of their means over 32 samples."""
+    e = one.experiment
+    model = with_values(one.rig, values).model
+    r = residuals(e, model, np.zeros((e.moves, 2)))
+    seen = [r[e.weight[:, c] > 0.0, c] for c in (0, 2)]
+    blocks = [y[: y.size // 32 * 32].reshape(-1, 32).mean(axis=1) * 32**0.5 for y in seen]
+    rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (seen, blocks)]
+    return rms[0], rms[1]
+
+
+@pytest.mark.parametrize(("drive", "seed"), CASES)
+@pytest.mark.first(2)
+def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
+    rough, slow = left(problem(drive, seed))
+    assert rough < 1.5 and slow < 2.0
+
+
+@pytest.mark.parametrize(("drive", "seed"), CASES)
+@pytest.mark.first(2)
+def test_a_friction_that_is_missing_shows(drive: str, seed: int) -> None:
+    """Behind a loop that followed the position at any rate it would not."""
+    actuator = hidden.draw_actuator(seed, drive)
+    more = VISCOUS * actuator.rig.A / actuator.speed
+    without = left(problem(drive, seed, VISCOUS))[1]
+    known = left(problem(drive, seed, VISCOUS), viscous_positive=more, viscous_negative=more)[1]
+    assert without > 3.0 and known < 0.5 * without
+
+
+def test_the_current_counts_no_more_and_is_in_the_noise_of_the_voltage() -> None:
+    drive, seed = CASES[0]
+    one = problem(drive, seed)
+    assert not one.experiment.weight[:, 1].any()
+    assert one.experiment.noise[0] > one.rig.model["Rm"] * one.experiment.noise[1]
+    assert one.experiment.silent == ("servo", "sensor:current")
+    current_only = problem("current", seed).experiment
+    assert {"electrical", "sensor:voltage"} < set(current_only.silent)
+
+
+def test_an_inertia_of_another_machine_is_one_line() -> None:
+    drive, seed = CASES[1]
+    one = problem(drive, seed)
+    light = with_values(one.written, {"J": 1e-5 * one.written.model["J"]})
+    with pytest.raises(UsageError, match="runs away: inertia J and friction A"):
+        simulated_moves(one.logs, light)
+
+
+def test_a_loop_is_as_slow_as_the_position_is_noisy() -> None:
+    """Ten times the noise of the position, and the Kalman gain's fourth root falls by its square root."""
+    drive, seed = CASES[1]
+    frame, _ = hidden.actuator_log(
+        hidden.draw_actuator(seed, drive), hidden.healthy_spec(hidden.draw_actuator(seed, drive)), seed
+    )
+    rings = []
+    for times in (1.0, 10.0):
+        noise = problem(drive, seed).experiment.noise[2] * np.sqrt(times**2 - 1.0)
+        noisy = frame.assign(
+            position_m=frame["position_m"] + noise * np.random.default_rng(1).normal(size=len(frame))
+        )
+        rig = problem(drive, seed).written
+        log = with_command(on_its_clock(thinned(log_from_frame(noisy), rig), rig), rig)
+        model = simulated_moves([log], rig).rig.model
+        rings.append(float(np.sqrt(model["Ki"] * model["Km"] / model["J"])))
+    assert rings[0] / rings[1] == pytest.approx(10.0**0.5, rel=0.1)
+
+
+def test_a_step_of_the_speed_is_open_and_what_is_as_fast_as_noise_is_not() -> None:
+    one = problem(*CASES[0])
+    m, e = one.rig.model, one.experiment
+    n, dt = 2000, 1e-3
+    t = dt * np.arange(n)
+    i = np.where(t < 1.0, 0.0, 50.0 * e.noise[1])
+    loop = Loop(float(np.sqrt(m["Ki"] * m["Km"] / m["J"])), m)
+    weight = np.ones((n, 3)) / e.noise
+    doubt = tracking_doubt(t, i, np.ones(n), weight, e.noise, loop)
+    assert np.allclose(doubt.directions @ doubt.directions.T, np.eye(len(doubt.share)), atol=1e-9)
+    white = np.random.default_rng(2).normal(size=3 * n)
+    taken = (doubt.share * (doubt.directions @ white)) @ doubt.directions
+    assert np.linalg.norm(taken) < 0.2 * np.linalg.norm(white)
