@@ -223,7 +223,10 @@ class SimulatedMoves:
         goal, best = fitted.objective - min(self._least), math.inf
         tried: list[tuple[Candidate, FitResult]] = []
         for c in rivals:
-            tried.append((c, refit(self.experiment, fitted, c, goal=goal)))
+            try:
+                tried.append((c, refit(self.experiment, fitted, c, goal=goal)))
+            except np.linalg.LinAlgError:  # a start from which the simulation runs away
+                continue
             if tried[-1][1].objective < best:
                 best = tried[-1][1].objective
                 goal = min(goal, self._close_to(tried[-1][1]))
