@@ -2,6 +2,7 @@
 
     python -m pipelines.rigs_study [--rigs 8] [--drives voltage current] [--first 99000] [--out reports/rigs.md]
     python -m pipelines.rigs_study --intervals [--rigs 8] ...     # what `identify` found beside the truth, instead of moves
+    python -m pipelines.rigs_study --causes [--rigs 8] ...        # what `improve` named of two campaigns
 
 Each actuator has a data sheet (`rig new`), a healthy campaign (`identify`) and six moves, one a class (`diagnose`). Seeds from
 99000 on: none of them was looked at while anything was chosen.
@@ -11,16 +12,20 @@ import argparse
 import contextlib
 import io
 import tempfile
+import time
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import hidden
 import pandas as pd
+from hidden.effects import Effect, effect
 
 from observer_fi.cli import main as command
 from observer_fi.errors import InvalidLogError, UsageError
+from observer_fi.improve import improve
 from observer_fi.learn import identified_rig, identify, with_equation_errors
 from observer_fi.logs import log_from_frame, with_command, with_logger
 from observer_fi.physics import Rig, load_rig
@@ -33,6 +38,7 @@ from pipelines.study_output import write_study
 FIRST_SEED = 99_000
 CONFIDENT = 0.95
 Z95 = 1.959964
+VISCOUS = 0.3  # of the Coulomb friction, at full speed: what is hidden where `improve` is asked
 NOT_THERE = {"torque_offset": 0.0, "viscous_positive": 0.0}
 
 
@@ -128,6 +134,65 @@ def intervals(frame: pd.DataFrame) -> str:
     )
 
 
+def causes(job: Job) -> list[dict[str, Any]]:
+    """What `improve` names of two campaigns of one actuator, with the rig learned from the healthy one: of that, and of one with
+    viscous friction, `VISCOUS` of the Coulomb friction at full speed.
+    """
+    actuator = hidden.draw_actuator(job.seed, job.drive)
+    size = VISCOUS * actuator.rig.A / actuator.speed
+    both = {"none": (), "viscous_friction": (effect("viscous_friction", plus=size, minus=size),)}
+    about = {"drive": job.drive, "seed": job.seed, "rate_hz": actuator.logger.rate_hz}
+    try:
+        rig = _learned(actuator)
+        return [
+            {**about, "hidden": name, **_improved(actuator, rig, effects, size)}
+            for name, effects in both.items()
+        ]
+    except (InvalidLogError, UsageError) as error:
+        return [{**about, "hidden": "none", "named": "refused", "why": str(error)}]
+
+
+def _improved(
+    actuator: hidden.Actuator, rig: Rig, effects: tuple[Effect, ...], size: float
+) -> dict[str, Any]:
+    """Names and sizes on one campaign, and nats a sample over the noise before and after."""
+    spec = replace(hidden.healthy_spec(actuator), effects=effects)
+    frame, _ = hidden.actuator_log(actuator, spec, actuator.seed)
+    begun = time.process_time()
+    found = improve([_read(frame, rig)], rig)
+    values = [v.value for f in found.findings for n, v in f.parameters.items() if n.startswith("viscous")]
+    floor = found.extended.noise_floor_nll
+    return {
+        "named": " + ".join(f.cause for f in found.findings) or "none",
+        "unexplained": ", ".join(f"{u.equation} over {u.regressor}" for u in found.unexplained),
+        "size_percent": 100.0 * (max(values, key=lambda v: abs(v - size)) / size - 1.0) if values and effects else float("nan"),
+        "before": found.baseline.nll_per_sample - floor, "after": found.extended.nll_per_sample - floor,
+        "cpu_s": time.process_time() - begun,
+    }  # fmt: skip
+
+
+def named(frame: pd.DataFrame, first: int) -> str:
+    """A row a campaign, and how many have their right names alone."""
+    right = frame["named"] == frame["hidden"]
+    total = ", ".join(
+        f"{drive} with {what}: {int(right[g.index].sum())} of {len(g)}"
+        for (drive, what), g in frame.groupby(["drive", "hidden"], sort=False)
+    )
+    shown = frame.assign(
+        **{n: frame[n].map("{:.3g}".format) for n in ("size_percent", "before", "after", "cpu_s")}
+    )
+    return "\n".join(
+        [
+            "# What `improve` names of other actuators", "",
+            f"Right and alone: {total}.", "",
+            f"Made by `pipelines/rigs_study.py --causes`, seeds from {first} on. The rig is learned from a healthy campaign;",
+            f"viscous friction: {VISCOUS} of the Coulomb friction at full speed. size_percent: by how much the worse of its two",
+            "sizes is off. before, after: nats a sample over the noise.",
+            "", markdown(shown.set_index("drive")), "",
+        ]
+    )  # fmt: skip
+
+
 def _read(frame: pd.DataFrame, rig: Rig) -> Log:
     return with_command(log_from_frame(frame), rig)
 
@@ -213,6 +278,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--sheets", action="store_true", help="healthy moves with the unlearned rig file, too"
     )
     parser.add_argument("--intervals", action="store_true", help="constants that `identify` finds, not moves")
+    parser.add_argument("--causes", action="store_true", help="what `improve` names of campaigns, not moves")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--rows", type=Path, help="where to write a row a move, as CSV")
     parser.add_argument("--out", type=Path, default=Path("reports/rigs.md"))
@@ -221,6 +287,10 @@ def main(arguments: list[str] | None = None) -> int:
     if options.intervals:
         found = pd.DataFrame([row for job in jobs for row in constants(job)])
         return write_study(found, intervals(found), options.rows, options.out)
+    if options.causes:
+        with ProcessPoolExecutor(options.workers) as pool:
+            frame = pd.DataFrame([row for rows in pool.map(causes, jobs) for row in rows])
+        return write_study(frame, named(frame, options.first), options.rows, options.out)
     jobs += [job._replace(learned=False) for job in jobs] if options.sheets else []
     frame = study(jobs, options.workers)
     return write_study(frame, summary(frame, options.first), options.rows, options.out)

@@ -6,13 +6,14 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from observer_fi.errors import UsageError
+from observer_fi.improve.behind_loop import named_behind_loop, told
 from observer_fi.improve.force.calculated_force import calculated_force
 from observer_fi.improve.freed.freed_equations import FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
 from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.moves.judgement import MoveSettings
 from observer_fi.improve.moves.keep_curve import Kept
-from observer_fi.improve.moves.simulated_moves import SimulatedMoves, simulated_moves
+from observer_fi.improve.moves.simulated_moves import simulated_moves
 from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
@@ -126,8 +127,7 @@ def improve(
     campaign = campaign_readings(commanded, rig)
     taken, filters = campaign.logs, campaign.low_passes.told
     problem = simulated_moves(taken, campaign.known(with_servo(taken, rig)), moves, settings, filters)
-    problem = _near_its_moves(problem, progress)
-    problem, ladder = problem.followed(name_causes(problem, progress))
+    problem, ladder = named_behind_loop(problem, progress)
     ladder = problem.reconsidered(ladder)
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")
@@ -136,19 +136,8 @@ def improve(
     learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
     return replace(
         found, rig=problem.written, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters,
-        warnings=(*campaign.told, *problem.told),
+        warnings=(*campaign.told, *told(problem)),
     )  # fmt: skip
-
-
-def _near_its_moves(problem: SimulatedMoves, progress: Callable[[str], None]) -> SimulatedMoves:
-    """The problem whose loop, where one stands for a servo, follows the motion of a model with the largest cause: what follows
-    another motion hides a part of every cause, and the smaller ones behind the largest.
-    """
-    if problem.given is None:
-        return problem
-    alone = problem.one_step()
-    near, _ = alone.followed(name_causes(alone, progress))
-    return replace(problem, experiment=near.experiment)
 
 
 def improvement_of(

@@ -61,6 +61,7 @@ from observer_fi.learn.move_data import (
 from observer_fi.learn.output_error import (
     FitResult,
     fit,
+    fit_or_none,
     inflation,
     nll_per_sample,
     noise_floor,
@@ -120,6 +121,7 @@ __all__ = [
     "extended_rig",
     "find_stops",
     "fit",
+    "fit_or_none",
     "followed",
     "held_out",
     "identified_rig",

@@ -144,6 +144,23 @@ def fit(
     )
 
 
+def fit_or_none(
+    experiment: Experiment,
+    model: Model,
+    free: Sequence[Free],
+    nuisance: Array | None = None,
+    known: Mapping[str, Array] | None = None,
+    iterations: int = _ITERATIONS,
+    worth: float = _DONE,
+    goal: float = math.inf,
+) -> FitResult | None:
+    """As `fit`; None where the simulation runs away from there until its numbers are none."""
+    try:
+        return fit(experiment, model, free, nuisance, known, iterations, worth, goal)
+    except np.linalg.LinAlgError:
+        return None
+
+
 def residuals(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> Array:

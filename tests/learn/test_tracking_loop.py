@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from drawn_sheets import drawn_sheet
 from hidden.effects import effect
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import butter, sosfiltfilt
 
 from observer_fi.errors import UsageError
 from observer_fi.improve.moves.simulated_moves import SimulatedMoves, simulated_moves
 from observer_fi.learn.output_error import residuals
-from observer_fi.learn.servo.tracking_doubt import Loop, tracking_doubt
+from observer_fi.learn.reversal_doubt import subtract_doubt
+from observer_fi.learn.servo.tracking_doubt import DAMPING, SMOOTH, Loop, _around_a_step, tracking_doubt
 from observer_fi.logs import log_from_frame, on_its_clock, thinned, with_command
 from observer_fi.physics import rig_of_sheet, with_values
 
@@ -102,7 +105,24 @@ def test_a_loop_is_as_slow_as_the_position_is_noisy() -> None:
     assert rings[0] / rings[1] == pytest.approx(10.0**0.5, rel=0.1)
 
 
-def test_a_step_of_the_speed_is_open_and_what_is_as_fast_as_noise_is_not() -> None:
+def test_what_goes_with_a_step_of_the_speed_obeys_the_loop_that_follows_the_position() -> None:
+    """w = step - integral of L e, e = integral of w, V = Km w - Rm (J / Km) L e, with the loop's own filter over samples, forward
+    and back, in place of its spectrum.
+    """
+    m = problem(*CASES[0]).rig.model
+    ring, dt = float(np.sqrt(m["Ki"] * m["Km"] / m["J"])), 2e-3
+    since, shown = _around_a_step(dt, Loop(ring, m))
+    e = shown[:, 2] / m["D"]
+    slow = sosfiltfilt(butter(2, SMOOTH * ring * dt / np.pi, output="sos"), e)
+    back = DAMPING * ring * np.gradient(slow, dt) + ring**2 * slow
+    w = (since >= 0.0) - cumulative_trapezoid(back, dx=dt, initial=0.0)
+    voltage = m["Km"] * w - m["Rm"] * m["J"] / m["Km"] * back
+    assert np.abs(shown[:, 0] - voltage).max() < 0.02 * np.abs(voltage).max()
+    assert np.abs(e - cumulative_trapezoid(w, dx=dt, initial=0.0)).max() < 0.02 * np.abs(e).max()
+    assert not shown[:, 1].any()
+
+
+def test_a_step_of_the_speed_is_taken_and_noise_is_not() -> None:
     one = problem(*CASES[0])
     m, e = one.rig.model, one.experiment
     n, dt = 2000, 1e-3
@@ -112,6 +132,11 @@ def test_a_step_of_the_speed_is_open_and_what_is_as_fast_as_noise_is_not() -> No
     weight = np.ones((n, 3)) / e.noise
     doubt = tracking_doubt(t, i, np.ones(n), weight, e.noise, loop)
     assert np.allclose(doubt.directions @ doubt.directions.T, np.eye(len(doubt.share)), atol=1e-9)
-    white = np.random.default_rng(2).normal(size=3 * n)
-    taken = (doubt.share * (doubt.directions @ white)) @ doubt.directions
-    assert np.linalg.norm(taken) < 0.2 * np.linalg.norm(white)
+    white = np.random.default_rng(2).normal(size=(n, 3))
+    since, shown = _around_a_step(dt, loop)
+    of_step = np.column_stack([np.interp(t - 1.0, since, channel) for channel in shown.T]) * weight
+    of_step *= 1e3 / np.linalg.norm(of_step)
+    for readings, least, most in ((white, 0.9, 1.0), (of_step, 0.0, 0.3)):
+        r = readings.copy()
+        subtract_doubt(r, doubt)
+        assert least < np.linalg.norm(r) / np.linalg.norm(readings) < most

@@ -55,3 +55,14 @@ def test_intervals_are_counted_beside_the_truth(tmp_path: Path) -> None:
     assert {"J", "A"} <= set(found["constant"]) and (found["held"] == inside).all()
     assert (found["held"] == (found["error"].abs() < 1.96)).all()
     assert f"current {inside.sum()} of {len(found)}." in out.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_names_are_counted_beside_what_is_hidden(tmp_path: Path) -> None:
+    out, rows = tmp_path / "causes.md", tmp_path / "rows.csv"
+    options = ["--causes", "--rigs", "1", "--first", "852002", "--drives", "current"]
+    assert rigs_study.main([*options, "--out", str(out), "--rows", str(rows)]) == 0
+    found = pd.read_csv(rows, keep_default_na=False)
+    assert list(found["hidden"]) == ["none", "viscous_friction"] == list(found["named"])
+    text = out.read_text(encoding="utf-8")
+    assert "current with none: 1 of 1, current with viscous_friction: 1 of 1." in text

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.improve.moves.screening import free_of, inside, start_values
-from observer_fi.learn import Experiment, FitResult, Free, fit, openings, residuals_each
+from observer_fi.learn import Experiment, FitResult, Free, fit_or_none, openings, residuals_each
 from observer_fi.logs import settling_time
 from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Cause, Coverage, Model, Term, Variant, override
@@ -54,7 +54,7 @@ def gross_fits(
     """
     starts = gross_starts(experiment, model, causes, coverage, _STARTS)
     whole = [(start, fit_from(experiment, model, free, start, goal)) for start in starts]
-    return [*whole, *_from_openings(experiment, model, free, causes, coverage, goal)]
+    return [*_that_end(whole), *_from_openings(experiment, model, free, causes, coverage, goal)]
 
 
 def _from_openings(
@@ -69,23 +69,30 @@ def _from_openings(
     seconds = _OPENING * settling_time(model)
     first = openings(experiment, seconds)
     starts = gross_starts(first, model, causes, coverage, _STARTS)
-    fits = [(start, fit_from(first, model, free, start)) for start in starts]
+    fits = _that_end([(start, fit_from(first, model, free, start)) for start in starts])
     best = sorted(fits, key=lambda found: found[1].objective)[:_GO_ON]
-    gone_on = [(start, _gone_on(experiment, fitted, seconds, goal)) for start, fitted in best]
-    return [(start, fitted) for start, fitted in gone_on if fitted is not None]
+    return _that_end([(start, _gone_on(experiment, fitted, seconds, goal)) for start, fitted in best])
+
+
+def _that_end(fits: Sequence[tuple[Start, FitResult | None]]) -> list[Found]:
+    """Those that ended in numbers, where they may."""
+    return [(start, fitted) for start, fitted in fits if fitted is not None]
 
 
 def _gone_on(experiment: Experiment, fitted: FitResult, seconds: float, goal: float) -> FitResult | None:
     """The fit of whole moves from that of their first seconds, by longer and longer ones.
 
-    None where a part of the moves leaves more than the whole of them may.
+    None where a part of the moves leaves more than the whole of them may, or a fit runs away.
     """
     longest = float(np.diff(experiment.t[[experiment.bounds[:-1], experiment.bounds[1:] - 1]], axis=0).max())
     while (seconds := _LONGER * seconds) < longest and fitted.objective < goal:
-        fitted = fit(openings(experiment, seconds), fitted.model, fitted.free, iterations=_ITERATIONS)
+        longer = fit_or_none(openings(experiment, seconds), fitted.model, fitted.free, iterations=_ITERATIONS)
+        if longer is None:
+            return None
+        fitted = longer
     if fitted.objective > goal:
         return None
-    return fit(experiment, fitted.model, fitted.free, iterations=_ITERATIONS, goal=goal)
+    return fit_or_none(experiment, fitted.model, fitted.free, iterations=_ITERATIONS, goal=goal)
 
 
 def gross_starts(
@@ -111,10 +118,10 @@ def gross_starts(
 
 def fit_from(
     experiment: Experiment, model: Model, free: Sequence[Free], start: Start, goal: float = math.inf
-) -> FitResult:
-    """The fit with a cause from a gross start, everything else from the model's own values."""
+) -> FitResult | None:
+    """The fit with a cause from a gross start, everything else from the model's own values; None where that runs away."""
     begun = override(model, model.name, **inside(start.variant, start.values))
-    return fit(experiment, begun, (*free, *free_of(start.variant)), iterations=_ITERATIONS, goal=goal)
+    return fit_or_none(experiment, begun, (*free, *free_of(start.variant)), iterations=_ITERATIONS, goal=goal)
 
 
 def _sizes(term: Term) -> list[float]:

@@ -1,6 +1,5 @@
 """What the model with every named cause still leaves of simulated moves: smooth terms, or an equation without a name."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -67,9 +66,9 @@ def _wanted(
     if below or slow_excess(experiment, fitted.residuals) <= _SLOW_SHARE * least:
         return ()
     # A loop that follows a noisy position wanders, which a free equation takes for its own.
-    followed = experiment.driven.size > 0
-    most, least = (whole, max(least, clear(experiment))) if followed else (math.inf, least)
-    freed = [row for row in free(fitted)[0] if min(row.gain, most) >= least]
+    if experiment.driven.size and whole < least:
+        return ()
+    freed = [row for row in free(fitted)[0] if row.gain >= least]
     return (nameless(freed[0].equation, freed[0].gain, whole),) if freed else ()
 
 
@@ -95,8 +94,6 @@ def _smooth_rest(experiment: Experiment, ladder: Ladder[FitResult]) -> tuple[Smo
     whole = max(raw_excess(experiment, r), *(raw_excess(experiment, r, c) for c in range(3)))
     most = excess(experiment, ladder.baseline.residuals)
     least, of_position = dust(experiment, most), position_dust(experiment, most)
-    if experiment.driven.size:  # what a loop that follows a noisy position leaves open is not all of it noise
-        least, of_position = max(least, clear(experiment)), max(of_position, clear(experiment))
     slow = (
         slow_excess(experiment, r) > _SLOW_SHARE * least
         or slow_excess(experiment, r, POSITION) > _SLOW_SHARE * of_position

@@ -28,9 +28,15 @@ def excess(experiment: Experiment, r: Array) -> float:
 def dust(experiment: Experiment, most: float) -> float:
     """Nats below which nothing is named or told: imperfections of larger causes, and of timing, look like that.
 
-    0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise.
+    0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise; of a quarter where a loop follows a noisy position, for
+    not all that it leaves open is noise.
     """
-    return max(_DUST * most, 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum()))
+    least = (
+        clear(experiment)
+        if experiment.driven.size
+        else 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum())
+    )
+    return max(_DUST * most, least)
 
 
 def clear(experiment: Experiment) -> float:
@@ -40,6 +46,8 @@ def clear(experiment: Experiment) -> float:
 
 def position_dust(experiment: Experiment, most: float) -> float:
     """The same for a gain in the position alone, 5 % of its noise: the timing of a servo does not reach it [nats]."""
+    if experiment.driven.size:
+        return dust(experiment, most)
     return max(_DUST * most, 0.5 * _POSITION_DUST**2 * int((experiment.weight[:, POSITION] > 0.0).sum()))
 
 

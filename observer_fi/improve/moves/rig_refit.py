@@ -6,7 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer_fi.improve.moves.misfit import POSITION
-from observer_fi.learn import MAKER, Experiment, FitResult, Free, find_stops, fit, stops_of_travel
+from observer_fi.learn import (
+    MAKER,
+    Experiment,
+    FitResult,
+    Free,
+    find_stops,
+    fit,
+    fit_or_none,
+    stops_of_travel,
+)
 from observer_fi.physics import CAUSES, Curve, Model, Rig, override, parameters
 from observer_fi.records import Log
 
@@ -41,14 +50,12 @@ def base_parameters(
             continue
         learned = rig.quantities[name].std if name in rig.quantities else None
         of_fit = (learned or 0.0) / abs(value)
-        of_maker = (
-            MAKER.get(name, 0.0) if "servo" in silent else 0.0
-        )  # no servo's starts tell them any better
+        # Without a servo no starts tell them any better.
+        of_maker = MAKER.get(name, 0.0) if "servo" in silent else 0.0
         relative = max(relative, rig.spread(name), of_fit, of_maker)
         free.append(Free(name, 1e-3 * value, 0.1 * value, 10.0 * value, value, relative * value))
-    if (
-        "servo" in silent
-    ):  # who holds its current between the samples drives later, or earlier, than a line between them
+    if "servo" in silent:
+        # A current that is held between the samples drives later, or earlier, than a line through them.
         between = Free("tick_phase", 1e-5, -older_s, older_s, 0.0, older_s / math.sqrt(12.0))
         return (*free, *_stops(model), between)
     return (*free, *_stops(model), _servo_delay(model["servo_delay"]), _AGE, _tick_phase(older_s))
@@ -103,18 +110,24 @@ def with_stops(
         return rig.model
     every = [base_parameters(rig, m, experiment.older_s, experiment.silent) for m in models]
     each = [[f for f in free if f.name != _AGE.name] for free in every]
-    fits = [_with_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
-    return models[int(np.argmin([f.objective + STOP_NATS * k for k, f in enumerate(fits)]))]
+    left = [_left_beside_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
+    return models[int(np.argmin([nats + STOP_NATS * k for k, nats in enumerate(left)]))]
 
 
-def _with_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> FitResult:
+def _left_beside_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> float:
+    """Objective of the fit [nats] with a torque that is linear in the position, infinite where that runs away."""
+    fitted = _with_a_spring(experiment, model, free)
+    return fitted.objective if fitted else math.inf
+
+
+def _with_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> FitResult | None:
     """The fit with a torque that is linear in the position, a constant one where the rig has a curve of its own."""
     if model["curve_of"] != 0.0:
-        return fit(experiment, model, (*free, Free("torque_offset", 1e-6)))
+        return fit_or_none(experiment, model, (*free, Free("torque_offset", 1e-6)))
     x = experiment.z[experiment.weight[:, POSITION] > 0.0, POSITION]
     spring = Curve("torque", "position", False, float(x.min()), float(np.ptp(x)), (0.0, 0.0))
     ends = [Free(name, 1e-6) for name in spring.names]
-    return fit(experiment, override(model, model.name, **parameters(spring)), (*free, *ends))
+    return fit_or_none(experiment, override(model, model.name, **parameters(spring)), (*free, *ends))
 
 
 def causes_of(model: Model, silent: Sequence[str] = ()) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from observer_fi.learn import (
     Free,
     doubt_along,
     fit,
+    fit_or_none,
     nuisance_columns,
     residuals_each,
     run,
@@ -216,8 +217,9 @@ def refit(
     candidate: Candidate,
     exact: bool = False,
     goal: float = math.inf,
-) -> FitResult:
-    """The fit with the candidate's parameters free as well, from its linear estimate.
+) -> FitResult | None:
+    """The fit with the candidate's parameters free as well, from its linear estimate; None where that runs away until its numbers
+    are none.
 
     exact: every column anew in each iteration; otherwise those of the earlier fit are kept, which is faster. goal: see `search`.
     """
@@ -227,10 +229,10 @@ def refit(
     extra = free_of(variant)
     names = {f.name for f in extra}
     free = (*(f for f in fitted.free if f.name not in names), *extra)
-    if exact:
-        return fit(experiment, model, free, fitted.nuisance, iterations=30, goal=goal)
     known = {f.name: column for f, column in zip(fitted.free, fitted.columns, strict=True)}
-    return fit(experiment, model, free, fitted.nuisance, known, _REFIT_ITERATIONS, _REFIT_WORTH, goal)
+    if exact:
+        return fit_or_none(experiment, model, free, fitted.nuisance, iterations=30, goal=goal)
+    return fit_or_none(experiment, model, free, fitted.nuisance, known, _REFIT_ITERATIONS, _REFIT_WORTH, goal)
 
 
 def without(experiment: Experiment, fitted: FitResult, variant: Variant) -> FitResult:

@@ -48,7 +48,6 @@ from observer_fi.learn import (
     FitResult,
     doubtful,
     fit,
-    followed,
     inflation,
     nll_per_sample,
     noise_floor,
@@ -61,7 +60,7 @@ from observer_fi.learn import (
     with_whole_command,
 )
 from observer_fi.logs import Excitation, excitation, is_recovered, log_segments, moves_from_rest
-from observer_fi.numerics import sum_of_squares, with_unit
+from observer_fi.numerics import sum_of_squares
 from observer_fi.physics import CAUSES, MOVES, Model, Rig, is_curve, override, speed, with_values
 from observer_fi.records import Array, Filter, Log, Segment
 
@@ -74,8 +73,6 @@ _DEAREST = 3  # parameters of a cause, at most
 _BEHIND = 0.05  # of its score that a refit may miss
 MOST_ROWS = 120_000  # samples of moves that are fitted at once: a fit is held for every cause that is tried
 _STEPS = 8  # of the integration in a transient: with two, A and Kp are four standard errors off
-_MAKERS = ("Rm", "Km", "D", "tick_phase")
-_FOLLOWED = 2  # times that a loop follows what was fitted with it
 _SETTLED = 30  # iterations in which an accepted trial is fitted exactly
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
 _IMPERFECT = 1.25
@@ -87,8 +84,6 @@ _HOPELESS_NATS = (
 _GROSS_LEFT = 0.1  # of the refit's misfit, that the best other trial leaves
 _GROSS_BENT = 0.01  # the same of names, where they bend what data sheets hold
 
-# Equations that are not simulated without a servo, or a voltage, in words.
-_SILENT = {"servo": "servo", "sensor:current": "current sensor", "electrical": "winding"}
 UNITS = (("voltage", "v"), ("current", "a"), ("position", "m"))
 
 
@@ -123,18 +118,6 @@ class SimulatedMoves:
     @property
     def sample_count(self) -> int:
         return max(int((self.experiment.weight > 0.0).any(axis=1).sum()), 1)
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """What to say of moves that no servo of their own drives."""
-        if self.given is None:
-            return ()
-        silent = [_SILENT[name] for name in self.experiment.silent if name in _SILENT]
-        ring = math.sqrt(self.rig.model["Ki"] * self.rig.model["Km"] / self.rig.model["J"])
-        return (
-            "the servo is not known: the measured current drives every move, behind a loop that follows the measured position "
-            f"at {with_unit(ring / (2.0 * math.pi), 'Hz')}; {', '.join(silent)} are not tested",
-        )
 
     @property
     def _channels(self) -> list[tuple[int, tuple[str, str]]]:
@@ -223,17 +206,17 @@ class SimulatedMoves:
         goal, best = fitted.objective - min(self._least), math.inf
         tried: list[tuple[Candidate, FitResult]] = []
         for c in rivals:
-            try:
-                tried.append((c, refit(self.experiment, fitted, c, goal=goal)))
-            except np.linalg.LinAlgError:  # a start from which the simulation runs away
+            result = refit(self.experiment, fitted, c, goal=goal)
+            if result is None:
                 continue
-            if tried[-1][1].objective < best:
-                best = tried[-1][1].objective
-                goal = min(goal, self._close_to(tried[-1][1]))
+            tried.append((c, result))
+            if result.objective < best:
+                best = result.objective
+                goal = min(goal, self._close_to(result))
         left = _EXACT
         for k, (c, r) in enumerate(tried):
             if left and fitted.objective - c.gain < min(best, r.objective - _BEHIND * c.gain):
-                tried[k], left = (c, refit(self.experiment, fitted, c, True, goal)), left - 1
+                tried[k], left = (c, refit(self.experiment, fitted, c, True, goal) or r), left - 1
         return tried
 
     def _close_to(self, best: FitResult) -> float:
@@ -326,11 +309,15 @@ class SimulatedMoves:
     def _believed(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """The ladder, or no name at all where its causes leave a gross part of the misfit: something larger is not known.
 
-        Causes that fit what is not theirs leave it where they cannot follow, or bend what is known.
+        Causes that fit what is not theirs leave it where they cannot follow, or bend what is known. Behind a loop that follows
+        the motion right ones leave next to nothing.
         """
         left, before = missed(self.experiment, ladder.extended), missed(self.experiment, ladder.baseline)
-        share = (_GROSS_BENT if bent(self.experiment, ladder.extended) else _GROSS_LEFT) * before
+        bends = bent(self.experiment, ladder.extended)
+        share = (_GROSS_BENT if bends else _GROSS_LEFT) * before
         most = min(max(share, _GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
+        if bends and self.given is not None:
+            most = _GROSS_NATS * self.sample_count
         if not ladder.steps or left < most:
             return ladder
         named = [pair for s in ladder.steps for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
@@ -340,13 +327,15 @@ class SimulatedMoves:
         """Without the stops that were found, where the causes leave these nothing to explain."""
         if self.model == self.rig.model or self._stops_matter(ladder):
             return ladder
-        return replace(self, model=self.rig.model)._again(ladder)
+        return replace(self, model=self.rig.model).again(ladder)
 
-    def _again(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
+    def again(self, ladder: Ladder[FitResult]) -> Ladder[FitResult]:
         """The steps of a ladder that was found with other moves, or another model, with these; none that do not pay there."""
         steps, path = [], [self.baseline()]
         for step in ladder.steps:
             after = refit(self.experiment, path[-1], step.trial.candidates[0], exact=True)
+            if after is None:
+                continue
             # A fit may have stopped short without the step.
             path[-1] = min(
                 path[-1], self.without(after, step.trial.candidates), key=lambda fitted: fitted.objective
@@ -358,23 +347,6 @@ class SimulatedMoves:
             steps.append(Step(trial, self._gain(path[-1], after)[1], step.rivals))
             path.append(after)
         return replace(ladder, baseline=path[0], extended=path[-1], steps=tuple(steps), path=tuple(path[1:]))
-
-    def followed(self, ladder: Ladder[FitResult]) -> tuple["SimulatedMoves", Ladder[FitResult]]:
-        """The problem and its ladder, where a loop stands for a servo that of the model with every named cause.
-
-        What the loop follows holds some of the model that it was made with, and a size is too small by that.
-        """
-        near = self
-        for _ in range(_FOLLOWED if self.given and ladder.steps else 0):
-            near = replace(near, experiment=followed(near.experiment, ladder.extended.model))
-            ladder = near._again(ladder)
-        return near, ladder
-
-    def one_step(self) -> "SimulatedMoves":
-        """The problem of which no more than one cause is asked, of a motor and a screw as their makers state them: a refit that
-        fails by far, behind a loop that hides no error of the speed, would bend these.
-        """
-        return replace(self, settings=replace(self.settings, rounds=1), held=_MAKERS)
 
     def _stops_matter(self, ladder: Ladder[FitResult]) -> bool:
         """Whether the stops that were found still explain something once the causes are named.

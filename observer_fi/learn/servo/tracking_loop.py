@@ -138,12 +138,8 @@ def _between(experiment: Experiment, channel: int) -> float:
 
 def _bend(experiment: Experiment) -> float:
     """What a line between two readings of the current misses halfway, in the root mean square [A]."""
-    found = []
-    for m in range(experiment.moves):
-        rows = experiment.rows(m)
-        i = experiment.z[rows, CURRENT][experiment.weight[rows, CURRENT] > 0.0]
-        if i.size >= _FEWEST:
-            found.append(np.diff(i, 2) / 8.0)
+    each = [experiment.z[rows, CURRENT][kept] for rows, _, kept in _moves(experiment, CURRENT)]
+    found = [np.diff(i, 2) / 8.0 for i in each if i.size >= _FEWEST]
     return float(np.sqrt(np.mean(np.concatenate(found) ** 2))) if found else 0.0
 
 
@@ -164,16 +160,13 @@ def _moves(experiment: Experiment, channel: int) -> Iterator[tuple[slice, Array,
 
 def _turning(experiment: Experiment, log: int, model: Model) -> Array:
     """(n,) angle of the motor at the samples of a log, as its position tells it; a line between moves [rad]."""
-    read = (experiment.weight[:, POSITION] > 0.0) | (
-        experiment.z[:, POSITION] != 0.0
-    )  # a first start counts nothing
+    # Readings of a log's first start count nothing, but were read.
+    read = (experiment.weight[:, POSITION] > 0.0) | (experiment.z[:, POSITION] != 0.0)
     own = (experiment.log[experiment.owner] == log) & read
     t = experiment.history[log][0]
-    return (
-        np.interp(t, experiment.t[own], experiment.z[own, POSITION]) / model["D"]
-        if own.any()
-        else np.zeros(t.size)
-    )
+    if not own.any():
+        return np.zeros(t.size)
+    return np.interp(t, experiment.t[own], experiment.z[own, POSITION]) / model["D"]
 
 
 def _on_the_log(experiment: Experiment, log: int, w: Array) -> Array:
@@ -192,20 +185,13 @@ def _off(experiment: Experiment, log: int, model: Model, phi: Array, own: Array)
     which the loop follows, and all of it.
     """
     t = experiment.history[log][0]
-    nyquist = 0.5 / float(np.median(np.diff(t)))
-    low_pass = scipy.signal.butter(
-        2, min(SMOOTH * _ring_of(model) / (2.0 * math.pi * nyquist), 0.9), output="sos"
-    )
+    step, ring = float(np.median(np.diff(t))), _ring_of(model)
+    low_pass = scipy.signal.butter(2, min(SMOOTH * ring * step / math.pi, 0.9), output="sos")
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (own[1:] + own[:-1]) * np.diff(t))))
     ahead = phi - turned
     if own.any():
-        ahead = _while_it_stood(
-            ahead,
-            phi,
-            own != 0.0,
-            experiment.noise[POSITION] / model["D"],
-            1.0 / (_ring_of(model) * np.median(np.diff(t))),
-        )
+        noise = float(experiment.noise[POSITION]) / model["D"]
+        ahead = _while_it_stood(ahead, phi, own != 0.0, noise, 1.0 / (ring * step))
     return scipy.signal.sosfiltfilt(low_pass, ahead), ahead
 
 

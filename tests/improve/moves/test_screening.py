@@ -1,6 +1,7 @@
 """Scores of causes on simulated moves: linear gains against refits, sizes against the truth, and what is projected off."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -133,3 +134,16 @@ def test_a_signed_cause_cannot_score_with_the_wrong_sign(problem):
         experiment, driving, ["viscous_friction"], coverage_of(experiment, fitted.model, fitted.nuisance)
     )
     assert not found or found[0].gain < 1e-3 * 0.5 * float(np.sum(driving.residuals**2))
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_rival_whose_simulation_runs_away_is_none(problem, scores, monkeypatch, exact):
+    """Its normal equations have no numbers; that ended the command."""
+
+    def runs_away(*_args, **_known):
+        return np.linalg.pinv(np.full((2, 2), np.nan))
+
+    fitted = problem.baseline()
+    monkeypatch.setattr(import_module("observer_fi.learn.output_error"), "fit", runs_away)
+    assert refit(problem.experiment, fitted, scores[0], exact=exact) is None
+    assert problem.trials(fitted, scores) == []
