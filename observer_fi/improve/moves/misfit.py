@@ -28,8 +28,8 @@ def excess(experiment: Experiment, r: Array) -> float:
 def dust(experiment: Experiment, most: float) -> float:
     """Nats below which nothing is named or told: imperfections of larger causes, and of timing, look like that.
 
-    0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise; of a quarter where a loop follows a noisy position, for
-    not all that it leaves open is noise.
+    0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise; of a quarter where a loop follows a noisy position,
+    for not all that it leaves open is noise.
     """
     least = (
         clear(experiment)
