@@ -165,9 +165,13 @@ def residuals(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> Array:
     """(N, 3) normalised residuals, (z - y) / std, 0 where missing, less what reversals leave open."""
-    return whitened(
-        experiment, (experiment.z - simulate(experiment, model, nuisance, ready)) * experiment.weight
-    )
+    return _normalised(experiment, simulate(experiment, model, nuisance, ready))
+
+
+def _normalised(experiment: Experiment, readings: Array) -> Array:
+    """Of simulated readings (N, 3); not finite, and without a word, where a simulation runs away."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return whitened(experiment, (experiment.z - readings) * experiment.weight)
 
 
 def residuals_each(
@@ -177,7 +181,7 @@ def residuals_each(
     for first in range(0, len(models), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         for readings in simulate_each(experiment, models[some], nuisances[some]):
-            yield whitened(experiment, (experiment.z - readings) * experiment.weight)
+            yield _normalised(experiment, readings)
 
 
 def nuisance_columns(experiment: Experiment, model: Model, nuisance: Array, r: Array) -> Array:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer_fi.logs.logger.holds import hold_of
 from observer_fi.numerics import filled
 from observer_fi.records import Array
 
@@ -24,10 +25,39 @@ class PositionSpeed(NamedTuple):
 
 
 def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
-    """Speed of a motor whose mass is at x (n,) [m] at the times t (n,) [s]; D [m/rad]."""
+    """Speed of a motor whose mass is at x (n,) [m] at the times t (n,) [s]; D [m/rad].
+
+    Of readings that are held the slope is that of the updates, with straight lines between them.
+    """
+    x = filled(x)
+    updates = _updates(t, x)
+    if updates is None:
+        return _slope(t, x, D)
+    slope = _slope(*updates, D)
+    return PositionSpeed(np.interp(t, updates[0], slope.w), slope.std)
+
+
+def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:
+    """Times and readings of regular updates of x (n,), None where it is not held."""
+    hold = hold_of(np.arange(t.size), x, np.zeros(t.size))
+    if hold is None:
+        return None
+    changed = np.flatnonzero(np.diff(x) != 0.0) + 1
+    before = np.maximum(
+        changed - round(hold.every), 0
+    )  # where the reading that ended there was fresh at the latest
+    fresh = np.unique(
+        np.concatenate(([0], changed, np.maximum(before, np.append(0, changed[:-1])), [t.size - 1]))
+    )
+    interval = hold.every * float(np.median(np.diff(t)))
+    at = np.arange(t[changed[0]] % interval, t[-1], interval)
+    return (at, np.interp(at, t[fresh], x[fresh])) if at.size > FEWEST else None
+
+
+def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
     from scipy.signal import savgol_filter
 
-    step, x = float(np.median(np.diff(t))), filled(x)
+    step = float(np.median(np.diff(t)))
     whole = (t.size - 1) | 1 if t.size % 2 == 0 else t.size
     noise, size = _reading_std(x), FEWEST
     for worse, share, longest in ((SURE, SURE, LONGEST_S), (HIDDEN, SEEN, FARTHEST_S)):

@@ -25,6 +25,19 @@ def test_the_slope_is_the_speed_within_its_noise() -> None:
     assert np.std((found.w - true)[steady]) < 1.5 * found.std < 0.05 * np.abs(true).max()
 
 
+@pytest.mark.parametrize("every_s", [0.01, 0.025, 1 / 60])
+def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: float) -> None:
+    spec = healthy_spec(ACTUATOR)
+    frame, _ = actuator_log(ACTUATOR, spec, 3)
+    t, true = frame["time_s"].to_numpy(), true_motion(spec).speed
+    updated = np.searchsorted(t, t[0] + every_s * np.floor((t - t[0]) / every_s + 1e-9) - 1e-9)
+    found = position_speed(t, frame["position_m"].to_numpy()[updated], ACTUATOR.rig.D)
+    steady = np.convolve(np.abs(np.gradient(true)), np.ones(round(0.2 / (t[1] - t[0]))), "same") < 1e-3
+    moving = steady & (true != 0.0)
+    assert moving.any() and np.quantile(np.abs(found.w - true)[moving], 0.95) < 0.05 * np.abs(true).max()
+    assert np.quantile(np.abs(found.w)[steady & (true == 0.0)], 0.95) < 0.05 * np.abs(true).max()
+
+
 def test_readings_without_noise_and_a_mass_that_stands() -> None:
     t = np.arange(1000) / 500.0
     assert (position_speed(t, np.zeros(1000), 1e-5).w == 0.0).all()
