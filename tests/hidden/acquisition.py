@@ -186,11 +186,14 @@ def _sensed(scene: Scene, acquisition: Acquisition, channel: str, at, white, rng
         clean = np.where(_switched_off(scene, acquisition.drive_off_s, then), 0.0, clean)
     later = np.where(at >= chain.later_share * scene.duration_s, chain.later_noise, 1.0)
     at_onset = 0.0 if scene.fault.onset_s is None else np.interp(scene.fault.onset_s, then, clean)
-    seen = spoil_channel(scene.fault, channel, then, clean, chain.noise_std * later * white, at_onset)
+    noise, wander = chain.noise_std * later * white, 0.0
+    if chain.wander_std:
+        wander = np.interp(at, scene.motion.time, _wander(chain, scene.motion.time, rng))
+    if not chain.noise_std:  # all the noise that the sensor has, and what a failing one has more of
+        noise, wander = wander, 0.0
+    seen = spoil_channel(scene.fault, channel, then, clean, noise, at_onset) + wander
     for line in chain.lines:
         seen = seen + line.amplitude * np.sin(2 * np.pi * line.hz * at + line.phase)
-    if chain.wander_std:
-        seen = seen + np.interp(at, scene.motion.time, _wander(chain, scene.motion.time, rng))
     return seen + chain.offset
 
 

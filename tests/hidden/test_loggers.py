@@ -140,6 +140,15 @@ def test_colour_and_wander_have_their_correlation():
         )  # white on top of it
 
 
+@pytest.mark.parametrize("name", ["ideal", "coloured"])
+def test_a_burst_is_of_the_noise_that_the_sensor_has(name):
+    spec = draw_failing_case(3, "noise_burst", "voltage")
+    frame, truth = make_log_with(name, spec, 3)
+    quiet, _ = make_log_with(name, replace(spec, fault=NO_FAULT), 3)
+    louder = (frame["voltage_v"] - quiet["voltage_v"])[frame["time_s"] > truth["onset_s"]]
+    assert louder.std() == pytest.approx((truth["size"] - 1.0) * SIGMA["voltage"], rel=0.1)
+
+
 def test_another_range_is_noisier_from_its_switch_on():
     acquisition = TRAITS["range_switched"].apply(ideal(Logger()), 1)
     switched = [channel for channel, chain in acquisition.chains.items() if chain.later_noise > 1.0]
