@@ -267,9 +267,9 @@ def openings(experiment: Experiment, seconds: float) -> Experiment:
 
 
 def whitened(experiment: Experiment, r: Array) -> Array:
-    """Normalised residuals or columns (N, 3), changed in place: less what a reversal leaves open."""
+    """Normalised residuals or columns (N, 3), or (k, N, 3) of them, changed in place: less what a reversal leaves open."""
     for m, doubt in enumerate(experiment.doubts):
-        subtract_doubt(r[experiment.rows(m)], doubt)
+        subtract_doubt(r[..., experiment.rows(m), :], doubt)
     return r
 
 

@@ -169,9 +169,11 @@ def residuals(
 
 
 def _normalised(experiment: Experiment, readings: Array) -> Array:
-    """Of simulated readings (N, 3); not finite, and without a word, where a simulation runs away."""
+    """Of simulated readings (N, 3) or (k, N, 3), in their place; not finite, and without a word, where a simulation runs away."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return whitened(experiment, (experiment.z - readings) * experiment.weight)
+        np.subtract(experiment.z, readings, out=readings)
+        readings *= experiment.weight
+        return whitened(experiment, readings)
 
 
 def residuals_each(
@@ -180,8 +182,7 @@ def residuals_each(
     """As `residuals` of k models with a nuisance each, simulated side by side: cheaper by far than one after another."""
     for first in range(0, len(models), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        for readings in simulate_each(experiment, models[some], nuisances[some]):
-            yield _normalised(experiment, readings)
+        yield from _normalised(experiment, simulate_each(experiment, models[some], nuisances[some]))
 
 
 def nuisance_columns(experiment: Experiment, model: Model, nuisance: Array, r: Array) -> Array:

@@ -28,6 +28,7 @@ _LEAST = 2000.0  # rad/s^2: slower reversals make steps of the speed below the n
 _ROWS, _NEAR_S = 3, 2e-3
 _APART_S = 5e-3
 _FULL = 0.98  # of the highest voltage seen: the supply is at its limit
+_NEGLIGIBLE = 0.01  # standard deviations of the noise, less than which is not left open
 _STILL = 3.0  # rad/s: five times the noise of the measured speed
 
 
@@ -71,7 +72,9 @@ def doubt_along(B: Array) -> Doubt:
     if not np.isfinite(rows).all():  # a model that runs away tells nothing of its doubt
         rows = rows[:0]
     _, size, v = np.linalg.svd(rows, full_matrices=False)
-    return Doubt(0, v * rows.any(axis=0), 1.0 - 1.0 / np.sqrt(1.0 + size**2), (), B.shape[1])
+    open_ = size > _NEGLIGIBLE
+    directions = v[open_] * rows.any(axis=0)
+    return Doubt(0, directions, 1.0 - 1.0 / np.sqrt(1.0 + size[open_] ** 2), (), B.shape[1])
 
 
 def no_doubt(rows: int) -> Doubt:
@@ -80,9 +83,12 @@ def no_doubt(rows: int) -> Doubt:
 
 
 def subtract_doubt(r: Array, doubt: Doubt) -> None:
-    """Whitens normalised residuals or columns (n, 3) of one move in place."""
-    part = r[doubt.first :]
-    part -= ((doubt.share * (doubt.directions @ part.ravel())) @ doubt.directions).reshape(part.shape)
+    """Whitens normalised residuals or columns (n, 3) of one move in place, or (k, n, 3) of them."""
+    if not len(doubt.directions):
+        return
+    part = r[..., doubt.first :, :]
+    along = part.reshape(-1, doubt.directions.shape[1]) @ doubt.directions.T
+    part -= ((doubt.share * along) @ doubt.directions).reshape(part.shape)
 
 
 def _smooth(w: Array, rows: int) -> Array:
