@@ -28,8 +28,10 @@ def named_behind_loop(
     if problem.given is None:
         return problem, name_causes(problem, progress)
     alone = replace(problem, settings=replace(problem.settings, rounds=1), held=_MAKERS)
-    near, _ = _near(alone, name_causes(alone, progress))
+    near, first = _near(alone, name_causes(alone, progress))
     problem = replace(problem, experiment=near.experiment)
+    if first.steps and problem.model == problem.rig.model:
+        problem = replace(problem, model=problem.ended(first.extended))
     return _near(problem, name_causes(problem, progress))
 
 

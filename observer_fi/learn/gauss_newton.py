@@ -22,6 +22,9 @@ NUISANCE_STEP = np.array([1e-4, 1e-6])  # A, m: for differences
 _ITERATIONS = 30
 _HALVINGS = 6
 _DONE = 0.01  # nats that a step must gain to be worth another one
+_OF_MISFIT = (
+    1e-5  # of the misfit over the noise, the same: who misses by thousands of nats looks for no tenth of one
+)
 _CONDITION = 1e-12
 _RUN_AWAY = 1e30  # standard deviations of the noise
 _FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip
@@ -110,7 +113,7 @@ def search(
     worth: float = _DONE,
     goal: float = math.inf,
 ) -> Found:
-    """Gauss-Newton with step halving from `values` on, until a step gains less than `worth` [nats].
+    """Gauss-Newton with step halving from `values` on, until a step gains less than `worth` [nats] or than the misfit is worth.
 
     goal: an objective; the search ends where steps that gain as much as the better of the last two would not come there.
     Rests that were dragged to another branch of stick and slip while the parameters were far off start anew, once.
@@ -120,10 +123,11 @@ def search(
     for left in reversed(range(iterations)):
         columns = around = np.empty(0)  # not twice at once: they are the largest there is
         columns, around = problem.columns(point)
-        better = _better(problem, point, project(problem, columns, around, point), worth)
+        enough = max(worth, _OF_MISFIT * _over_noise(point))
+        better = _better(problem, point, project(problem, columns, around, point), enough)
         gain = point.objective - better.objective if better else 0.0
         point = better or point
-        if gain >= worth:
+        if gain >= enough:
             if point.objective - left * max(gain, last) > goal:
                 break
             last = gain
@@ -137,6 +141,11 @@ def search(
     if before is not None and before.objective < point.objective:
         point = before
     return Found(point, columns, converged)
+
+
+def _over_noise(point: Point) -> float:
+    """Nats of the objective over what white noise leaves."""
+    return point.objective - 0.5 * float(np.count_nonzero(point.residuals))
 
 
 def point_at(problem: Problem, values: Mapping[str, float], nuisance: Array) -> Point:

@@ -17,6 +17,12 @@ _CARRIED = ("backlash", "position_lag")  # effects by which a move goes on from 
 _POSITION_DUST = 0.05  # its share
 _MAKERS = {"Rm": "electrical", "Km": "electrical", "D": "kinematics"}  # the equations that data sheets hold
 _TOO_FAR = 5.0  # standard deviations of their priors
+GROSS_NATS = 1.0  # a sample, from which on a misfit is gross: effects of any size are tried, and what leaves it is not believed
+
+
+def samples(experiment: Experiment) -> int:
+    """Rows that count, at least 1."""
+    return max(int((experiment.weight > 0.0).any(axis=1).sum()), 1)
 
 
 def excess(experiment: Experiment, r: Array) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer_fi.improve.moves.misfit import POSITION
+from observer_fi.improve.moves.misfit import GROSS_NATS, POSITION, excess, samples
 from observer_fi.learn import (
     MAKER,
     Experiment,
@@ -96,28 +96,46 @@ def _stops(model: Model) -> tuple[Free, ...]:
 
 
 def with_stops(
-    experiment: Experiment, logs: Sequence[Log], rig: Rig, logged: Experiment | None = None
+    experiment: Experiment,
+    logs: Sequence[Log],
+    rig: Rig,
+    logged: Experiment | None = None,
+    beside: FitResult | None = None,
 ) -> Model:
     """The rig's model with the stops that the current or the travel shows, where a refit is better for them.
 
     A torque that is linear in the position is free in that refit: an offset or a spring looks like a stop at the end of the
-    travel. logged: the moves as they were logged, where a loop stands for the servo.
+    travel. logged: the moves as they were logged, where a loop stands for the servo; a gross effect bends them there, and stops
+    that leave a gross misfit are believed `beside` a fit only that has it.
     """
     shown = find_stops(logged or experiment, rig)
     seen = stops_of_travel(experiment, logs, shown)
     models = list(dict.fromkeys([rig.model, shown, override(shown, shown.name, **seen)]))
     if len(models) == 1:
         return rig.model
-    every = [base_parameters(rig, m, experiment.older_s, experiment.silent) for m in models]
-    each = [[f for f in free if f.name != _AGE.name] for free in every]
-    left = [_left_beside_a_spring(experiment, m, free) for m, free in zip(models, each, strict=True)]
-    return models[int(np.argmin([nats + STOP_NATS * k for k, nats in enumerate(left)]))]
+    fits = [_with_a_spring(experiment, *_ended(experiment, rig, model, beside)) for model in models]
+    left = [fitted.objective + STOP_NATS * k if fitted else math.inf for k, fitted in enumerate(fits)]
+    best = int(np.argmin(left))
+    fitted = fits[best]
+    put_off = experiment.driven.size and beside is None
+    if put_off and fitted and excess(experiment, fitted.residuals) > GROSS_NATS * samples(experiment):
+        return rig.model
+    return models[best]
 
 
-def _left_beside_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> float:
-    """Objective of the fit [nats] with a torque that is linear in the position, infinite where that runs away."""
-    fitted = _with_a_spring(experiment, model, free)
-    return fitted.objective if fitted else math.inf
+def _ended(
+    experiment: Experiment, rig: Rig, model: Model, beside: FitResult | None
+) -> tuple[Model, tuple[Free, ...]]:
+    """What is fitted with the stops of a model, and from where: the rig, or it with what a fit `beside` it has more."""
+    free = tuple(
+        f for f in base_parameters(rig, model, experiment.older_s, experiment.silent) if f.name != _AGE.name
+    )
+    if beside is None:
+        return model, free
+    known = {f.name for f in free}
+    ends = {name: model[name] for name in ("x_stop_low", "x_stop_high")}
+    more = tuple(f for f in beside.free if f.name not in known)
+    return override(beside.model, model.name, **ends), (*free, *more)
 
 
 def _with_a_spring(experiment: Experiment, model: Model, free: Sequence[Free]) -> FitResult | None:

@@ -24,6 +24,7 @@ from observer_fi.improve.moves.keep_curve import Kept, fit_kept_curve
 from observer_fi.improve.moves.left_over import left_over
 from observer_fi.improve.moves.lines import lines_of
 from observer_fi.improve.moves.misfit import (
+    GROSS_NATS,
     bent,
     disregard,
     dust,
@@ -31,6 +32,7 @@ from observer_fi.improve.moves.misfit import (
     held_out_residuals,
     missed,
     position_dust,
+    samples,
 )
 from observer_fi.improve.moves.refuted import unrefuted
 from observer_fi.improve.moves.rig_refit import (
@@ -77,7 +79,6 @@ _SETTLED = 30  # iterations in which an accepted trial is fitted exactly
 # On development seeds 4200, 4300 and 4400 of the independent truth formal errors of sizes scatter by 1.2.
 _IMPERFECT = 1.25
 _SAMPLED = ("current_lag", "input_delay", "voltage_delay")
-_GROSS_NATS = 1.0  # a sample that the refit misses by, from which on gross effects are tried
 _HOPELESS_NATS = (
     10.0  # a sample, that no right model leaves, whatever it explains: a loop that rings has been lost
 )
@@ -94,7 +95,8 @@ UNITS = (("voltage", "v"), ("current", "a"), ("position", "m"))
 class SimulatedMoves:
     """Moves of the logs of one rig, simulated with a model: the rig's, with the stops that the logs show.
 
-    given: the rig as it was where that has no servo, and a loop around the simulation stands for one (`learn.tracked`).
+    given, logged: the rig and the moves as they were where that has no servo, and a loop around the simulation stands for one
+    (`learn.tracked`).
     held: constants that no refit moves.
     """
 
@@ -105,6 +107,7 @@ class SimulatedMoves:
     settings: MoveSettings = field(default_factory=MoveSettings)
     seen_by: str = MOVES
     given: Rig | None = None
+    logged: Experiment | None = None
     held: tuple[str, ...] = ()
 
     @property
@@ -117,7 +120,7 @@ class SimulatedMoves:
 
     @property
     def sample_count(self) -> int:
-        return max(int((self.experiment.weight > 0.0).any(axis=1).sum()), 1)
+        return samples(self.experiment)
 
     @property
     def _channels(self) -> list[tuple[int, tuple[str, str]]]:
@@ -170,7 +173,7 @@ class SimulatedMoves:
         """Whether the best of some trials leaves a good part of the refit's misfit, or one that is still gross."""
         before = missed(self.experiment, self._baseline)
         left = min((missed(self.experiment, trial.fitted) for trial in trials), default=before)
-        return left > min(_GROSS_LEFT * before, _GROSS_NATS * self.sample_count)
+        return left > min(_GROSS_LEFT * before, GROSS_NATS * self.sample_count)
 
     def _gross_trials(
         self, fitted: FitResult, candidates: Sequence[Candidate], others: Sequence[Trial[FitResult]]
@@ -180,7 +183,7 @@ class SimulatedMoves:
         others: trials that these will have to come close to.
         """
         experiment, trials = self.experiment, []
-        if missed(self.experiment, fitted) < _GROSS_NATS * self.sample_count:
+        if missed(self.experiment, fitted) < GROSS_NATS * self.sample_count:
             return []
         cover = coverage_of(experiment, self.model, np.zeros_like(fitted.nuisance))
         scored = {(c.cause.name, c.variant.name): c for c in candidates}
@@ -315,9 +318,9 @@ class SimulatedMoves:
         left, before = missed(self.experiment, ladder.extended), missed(self.experiment, ladder.baseline)
         bends = bent(self.experiment, ladder.extended)
         share = (_GROSS_BENT if bends else _GROSS_LEFT) * before
-        most = min(max(share, _GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
+        most = min(max(share, GROSS_NATS * self.sample_count), _HOPELESS_NATS * self.sample_count)
         if bends and self.given is not None:
-            most = _GROSS_NATS * self.sample_count
+            most = GROSS_NATS * self.sample_count
         if not ladder.steps or left < most:
             return ladder
         named = [pair for s in ladder.steps for pair in zip(s.trial.causes, s.trial.nets, strict=True)]
@@ -412,6 +415,10 @@ class SimulatedMoves:
         found = fit_kept_curve(self.experiment, fitted, left)
         return (found.fitted, found) if found else None
 
+    def ended(self, beside: FitResult) -> Model:
+        """The rig's model with the stops that these moves show beside what a fit has."""
+        return with_stops(self.experiment, self.logs, self.rig, self.logged, beside)
+
     def extended_rig(self, ladder: Ladder[FitResult]) -> Rig:
         fitted = ladder.extended
         of_log = ("tick_share",)  # by how much this log's samples are older than the next one's nobody knows
@@ -441,7 +448,7 @@ def simulated_moves(
     if not rig.driven.servo:
         near, looped = tracked(experiment, rig)
         model = with_stops(near, logs, looped, experiment)
-        return SimulatedMoves(tuple(logs), looped, near, model, settings, given=rig)
+        return SimulatedMoves(tuple(logs), looped, near, model, settings, given=rig, logged=experiment)
     experiment = _with_timed_command(with_whole_command(experiment, logs, rig), logs, rig)
     model = with_stops(experiment, logs, rig)
     return SimulatedMoves(tuple(logs), rig, experiment, model, settings)
