@@ -1,11 +1,17 @@
 """What a refit may move: the stops stay on their own sides, and the age of held readings is open."""
 
+import importlib
 import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
-from observer_fi.improve.moves.rig_refit import base_parameters
-from observer_fi.physics import load_rig, override, with_values
+from observer_fi.improve.moves.rig_refit import base_parameters, with_stops
+from observer_fi.learn import Free
+from observer_fi.physics import Model, load_rig, override, with_values
 
 RIG = load_rig()
 
@@ -56,3 +62,37 @@ def test_without_a_servo_its_constants_are_not_free_and_makers_values_are_as_wid
     assert own["Km"].prior_std > 3.0 * every["Km"].prior_std
     winding = {f.name for f in base_parameters(RIG, RIG.model, 1e-3, ("servo", "electrical"))}
     assert not {"Rm", "Km"} & winding  # a scale of the current and of every torque
+
+
+ENDED = override(RIG.model, RIG.model.name, x_stop_low=-1e-3)
+LEFT = {False: 50.0, True: 20.0}  # standard deviations that every reading is off, with and without the stop
+
+
+@pytest.mark.parametrize(
+    ("behind_a_loop", "scale", "believed"),
+    [(False, 1.0, True), (True, 1.0, False), (True, 0.05, True)],
+    ids=["a servo of its own", "a gross misfit behind a loop", "a small one there"],
+)
+def test_stops_that_leave_a_gross_misfit_behind_a_loop_are_put_off(
+    monkeypatch: pytest.MonkeyPatch, behind_a_loop: bool, scale: float, believed: bool
+) -> None:
+    module = importlib.import_module("observer_fi.improve.moves.rig_refit")
+    fitted: list[tuple[str, ...]] = []
+
+    def refit(experiment: Any, model: Model, free: Sequence[Free]) -> Any:
+        fitted.append(tuple(f.name for f in free))
+        r = np.full((400, 3), scale * LEFT[math.isfinite(model["x_stop_low"])])
+        return SimpleNamespace(residuals=r, objective=0.5 * float(np.sum(r**2)))
+
+    monkeypatch.setattr(module, "find_stops", lambda experiment, rig: ENDED)
+    monkeypatch.setattr(module, "stops_of_travel", lambda experiment, logs, model: {})
+    monkeypatch.setattr(module, "_with_a_spring", refit)
+    driven = np.zeros((400, 2)) if behind_a_loop else np.empty(0)
+    experiment: Any = SimpleNamespace(weight=np.ones((400, 3)), driven=driven, older_s=1e-3, silent=())
+    assert with_stops(experiment, [], RIG) == (ENDED if believed else RIG.model)
+    drag = override(RIG.model, RIG.model.name, viscous_positive=1e-6)
+    beside: Any = SimpleNamespace(
+        model=drag, free=(*base_parameters(RIG, drag), Free("viscous_positive", 1e-9))
+    )
+    assert with_stops(experiment, [], RIG, beside=beside) == ENDED
+    assert "viscous_positive" in fitted[-1] and "viscous_positive" not in fitted[0]
