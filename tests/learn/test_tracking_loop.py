@@ -50,7 +50,16 @@ def left(one: SimulatedMoves, **values: float) -> tuple[float, float]:
     return rms[0], rms[1]
 
 
-@pytest.mark.parametrize(("drive", "seed"), CASES)
+# 3 mV of noise behind a loop of 0.2 Hz: three of ten moves keep slow waves of the voltage (docs/decisions/0029).
+WANDERS = pytest.mark.xfail(
+    strict=True, reason="what wanders slower than the loop is more than is projected out"
+)
+
+
+@pytest.mark.parametrize(
+    ("drive", "seed"),
+    [pytest.param(*case, marks=WANDERS) if case == ("voltage", 853003) else case for case in CASES],
+)
 @pytest.mark.first(2)
 def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
     rough, slow = left(problem(drive, seed))
