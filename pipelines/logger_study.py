@@ -125,10 +125,10 @@ def trait_jobs(traits: Iterable[str], moves: int, first: int) -> list[Job]:
     return [Job(trait, CLASSES[k % len(CLASSES)], first + k) for k in range(moves) for trait in traits]
 
 
-def failing_jobs(moves: int, factor: float, first: int) -> list[Job]:
-    """`moves` on an ideal logger for each way in which each sensor fails."""
+def failing_jobs(moves: int, factor: float, first: int, behind: str = "ideal") -> list[Job]:
+    """`moves` for each way in which each sensor fails, through the logger `behind` it."""
     return [
-        Job("ideal", "sensor_fault", first + k, kind, channel, factor)
+        Job(behind, "sensor_fault", first + k, kind, channel, factor)
         for k in range(moves)
         for kind in hidden.FAILURES
         for channel in hidden.CHANNELS
@@ -276,7 +276,7 @@ def summary(frame: pd.DataFrame, first: int, factor: float) -> str:
         "that the verdict declares alike. Delay: of verdicts with the right name, from the fault's onset or the log's begin to a",
         "posterior above 0.95 for good. Logger found: noise, steps, holds and lines as they were, and nothing that was not.", "",
         "## By logger", "", markdown(by_trait(through)) if len(through) else "", "",
-        "## Failing sensors, ideal logger", "",
+        f"## Failing sensors, {', '.join(failing['trait'].unique()) or 'no'} logger", "",
         f"Sizes in sigmas of the channel's noise: {sizes}.", "",
         markdown(by_failure(failing)) if len(failing) else "", "",
         "## Several at once, drawn at random", "", of_combined(combined) if len(combined) else "", "",
@@ -301,6 +301,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--crossed", type=int, default=400, help="moves on other days, of any size, or with a failing sensor"
     )
+    parser.add_argument("--behind", default="ideal", help="the logger of those moves")
     parser.add_argument("--factor", type=float, default=3.0, help="size of these failures, in FAILING_SIGMAS")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
@@ -311,7 +312,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("reports/loggers.md"))
     options = parser.parse_args(arguments)
     jobs = trait_jobs(options.traits, options.moves, options.first)
-    jobs += failing_jobs(options.failing, options.factor, options.first)
+    jobs += failing_jobs(options.failing, options.factor, options.first, options.behind)
     jobs += campaign_jobs(options.campaigns, options.first)
     jobs += combined_jobs(options.combined, options.first)
     jobs += crossed_jobs(options.crossed, options.first)

@@ -23,7 +23,7 @@ _ITERATIONS = 30
 _HALVINGS = 6
 _DONE = 0.01  # nats that a step must gain to be worth another one
 _OF_MISFIT = (
-    1e-5  # of the misfit over the noise, the same: who misses by thousands of nats looks for no tenth of one
+    1e-5  # of the misfit over the noise, the same: who misses by thousands looks for no tenth of a nat
 )
 _CONDITION = 1e-12
 _RUN_AWAY = 1e30  # standard deviations of the noise
@@ -144,8 +144,9 @@ def search(
 
 
 def _over_noise(point: Point) -> float:
-    """Nats of the objective over what white noise leaves."""
-    return point.objective - 0.5 * float(np.count_nonzero(point.residuals))
+    """Nats of the objective over what white noise leaves, 0 where it is infinite: there any step is worth its while."""
+    over = point.objective - 0.5 * float(np.count_nonzero(point.residuals))
+    return over if math.isfinite(over) else 0.0
 
 
 def point_at(problem: Problem, values: Mapping[str, float], nuisance: Array) -> Point:

@@ -1,8 +1,9 @@
 """Output-error fits of the moves of an experiment: parameters that make the simulated readings agree with the measured ones."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from observer_fi.numerics import autocorrelation, correlation_time, sum_of_squar
 from observer_fi.physics import Model, override
 from observer_fi.records import Array
 
+P = ParamSpec("P")
 _ITERATIONS = 20
 _DONE = 0.02  # nats that a step must gain to be worth another one
 _WHITE_LAGS = 20
@@ -144,21 +146,19 @@ def fit(
     )
 
 
-def fit_or_none(
-    experiment: Experiment,
-    model: Model,
-    free: Sequence[Free],
-    nuisance: Array | None = None,
-    known: Mapping[str, Array] | None = None,
-    iterations: int = _ITERATIONS,
-    worth: float = _DONE,
-    goal: float = math.inf,
-) -> FitResult | None:
-    """As `fit`; None where the simulation runs away from there until its numbers are none."""
-    try:
-        return fit(experiment, model, free, nuisance, known, iterations, worth, goal)
-    except np.linalg.LinAlgError:
-        return None
+def _or_none(fitting: Callable[P, FitResult]) -> Callable[P, FitResult | None]:
+    """As a fit; None where the simulation runs away from there until its numbers are none."""
+
+    def fitted(*args: P.args, **kwargs: P.kwargs) -> FitResult | None:
+        try:
+            return fitting(*args, **kwargs)
+        except np.linalg.LinAlgError:
+            return None
+
+    return fitted
+
+
+fit_or_none = _or_none(fit)
 
 
 def residuals(

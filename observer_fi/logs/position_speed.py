@@ -38,19 +38,16 @@ def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
 
 
 def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:
-    """Times and readings of regular updates of x (n,), None where it is not held."""
+    """Times [s] and readings (k,) of regular updates of x (n,) at the times t (n,) [s], None where it is not held."""
     hold = hold_of(np.arange(t.size), x, np.zeros(t.size))
     if hold is None:
         return None
     changed = np.flatnonzero(np.diff(x) != 0.0) + 1
-    before = np.maximum(
-        changed - round(hold.every), 0
-    )  # where the reading that ended there was fresh at the latest
-    fresh = np.unique(
-        np.concatenate(([0], changed, np.maximum(before, np.append(0, changed[:-1])), [t.size - 1]))
-    )
+    # A reading was fresh for the last time an update before the one that changed it.
+    last = np.maximum(changed - round(hold.every), np.append(0, changed[:-1]))
+    fresh = np.unique(np.concatenate(([0], changed, last, [t.size - 1])))
     interval = hold.every * float(np.median(np.diff(t)))
-    at = np.arange(t[changed[0]] % interval, t[-1], interval)
+    at = np.arange(t[0] + (t[changed[0]] - t[0]) % interval, t[-1], interval)
     return (at, np.interp(at, t[fresh], x[fresh])) if at.size > FEWEST else None
 
 

@@ -25,13 +25,14 @@ def test_the_slope_is_the_speed_within_its_noise() -> None:
     assert np.std((found.w - true)[steady]) < 1.5 * found.std < 0.05 * np.abs(true).max()
 
 
+@pytest.mark.parametrize("begins_s", [0.0, 1e6])
 @pytest.mark.parametrize("every_s", [0.01, 0.025, 1 / 60])
-def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: float) -> None:
+def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: float, begins_s: float) -> None:
     spec = healthy_spec(ACTUATOR)
     frame, _ = actuator_log(ACTUATOR, spec, 3)
     t, true = frame["time_s"].to_numpy(), true_motion(spec).speed
     updated = np.searchsorted(t, t[0] + every_s * np.floor((t - t[0]) / every_s + 1e-9) - 1e-9)
-    found = position_speed(t, frame["position_m"].to_numpy()[updated], ACTUATOR.rig.D)
+    found = position_speed(begins_s + t, frame["position_m"].to_numpy()[updated], ACTUATOR.rig.D)
     steady = np.convolve(np.abs(np.gradient(true)), np.ones(round(0.2 / (t[1] - t[0]))), "same") < 1e-3
     moving = steady & (true != 0.0)
     assert moving.any() and np.quantile(np.abs(found.w - true)[moving], 0.95) < 0.05 * np.abs(true).max()

@@ -144,6 +144,6 @@ def test_a_rival_whose_simulation_runs_away_is_none(problem, scores, monkeypatch
         return np.linalg.pinv(np.full((2, 2), np.nan))
 
     fitted = problem.baseline()
-    monkeypatch.setattr(import_module("observer_fi.learn.output_error"), "fit", runs_away)
+    monkeypatch.setattr(import_module("observer_fi.learn.output_error"), "search", runs_away)
     assert refit(problem.experiment, fitted, scores[0], exact=exact) is None
     assert problem.trials(fitted, scores) == []
