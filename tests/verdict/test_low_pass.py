@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden import Fault, draw_move_case, make_log
+from hidden import Fault, draw_move_case, make_log, make_log_with
 from logged_signals import RATE, signal
 from scipy.signal import butter, lfilter, lfilter_zi
 
@@ -73,6 +73,29 @@ def test_an_ideal_logger_has_none() -> None:
         assert found(log_from_frame(make_log(draw_move_case(7720 + k, label), 7720 + k)[0])) == NONE
 
 
+@pytest.mark.slow
+def test_a_fast_filter_before_coarse_readings_shows_by_the_colour_of_the_others() -> None:
+    """Steps of the current of three standard deviations hide its noise; the start alone is explained without a filter."""
+    corners = [
+        through("low_pass+csv_3_decimals+jitter", seed).current.corner_hz for seed in range(7430, 7438)
+    ]
+    found_ones = [hz for hz in corners if math.isfinite(hz)]
+    assert len(found_ones) >= 6, corners
+    assert found_ones == pytest.approx([400.0] * len(found_ones), rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trait", ["coloured", "coloured+csv_3_decimals", "wandering+steps_3_all"])
+def test_coloured_noise_alone_is_no_filter(trait: str) -> None:
+    assert [through(trait, seed) for seed in range(7440, 7446)] == [NONE] * 6
+
+
+def through(trait: str, seed: int) -> LowPasses:
+    """The filters that are found behind a logger."""
+    label = ("nominal", "overload", "coupling_loss")[seed % 3]
+    return found(log_from_frame(make_log_with(trait, draw_move_case(seed, label), seed)[0]))
+
+
 IN_THE_START = [
     (Fault("overload", 0.0), 7730, 0.02),
     (Fault("overload", 0.0), 7731, 0.1),
@@ -120,6 +143,15 @@ def test_a_healthy_move_behind_a_filter_is_healthy_and_its_filter_told() -> None
     assert outcome.acquisition is not None
     assert outcome.acquisition.current.low_pass_hz == pytest.approx(30.0, rel=0.05)
     assert any("current_a comes through a low-pass filter of" in line for line in outcome.warnings)
+
+
+def test_noise_and_steps_behind_a_filter_are_told_as_they_were_read() -> None:
+    log = filtered(7742, "nominal", (1,), 30.0, 1, noisy=True)
+    still = log.z[: int(np.flatnonzero(log.w_cmd)[0]), 1]
+    known = AsLogged(log, RIG, SETTINGS)
+    assert known.low_passes.any
+    assert known.told.current.noise_std == pytest.approx(float(still.std()), rel=0.1)
+    assert known.acquisition.current.noise_std > 2.0 * known.told.current.noise_std
 
 
 def test_an_ideal_log_is_taken_as_it_is() -> None:

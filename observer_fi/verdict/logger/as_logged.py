@@ -62,6 +62,7 @@ class AsLogged:
         self.filed = rig.logger
         self.lines: Hum | None = None
         self.with_lines: Acquisition | None = None
+        self.with_filters: Acquisition | None = None
         self.means: tuple[Mean, ...] = ()
         start = self._learn(log, rig, settings)
         if start is not None and start.misfit > LOOKED_AT:
@@ -73,6 +74,7 @@ class AsLogged:
             start = self._learn(log, rig, settings) if self.inductance else start
         self.low_passes = low_passes_of(log, rig, settings, electrical_offset, start, self.acquisition)
         if self.low_passes.any:
+            self.with_filters = self.acquisition
             self._learn(log, rig, settings)
 
     def _without_lines(self, log: Log, rig: Rig, settings: BankSettings, start: Told) -> tuple[Log, Told]:
@@ -110,6 +112,12 @@ class AsLogged:
     def told(self) -> Acquisition:
         """What the logger does, with what was taken out of its readings."""
         channels = list(self.acquisition[:3])
+        if self.with_filters is not None:
+            pairs = zip(channels, self.with_filters[:3], strict=True)
+            channels = [
+                now if now.low_pass_hz is None else was._replace(low_pass_hz=now.low_pass_hz)
+                for now, was in pairs
+            ]
         if self.with_lines is not None:
             pairs = zip(channels, self.with_lines[:3], strict=True)
             channels = [now._replace(lines=was.lines, resolution=was.resolution) for now, was in pairs]

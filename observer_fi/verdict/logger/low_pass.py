@@ -36,9 +36,10 @@ TRUE = 1.25
 # The same of the best of the filters tried first, from which on a start that is not explained has none: of 45 filters, seeds
 # 99720000 to 99720059, at most 110, and 0.76 of what it was without; of other machines 350 and more, or 1.
 HOPELESS, NO_HELP = 200.0, 0.95
-NOTICED_NATS = 40.0  # that filters must gain at a start, and that its motion may lose beside its rest
+NOTICED_NATS = (
+    40.0  # that filters must gain at a start, and its motion beside its rest where it is explained without
+)
 ABOUT = 2.5  # times the delay of a filter, the correlation time of noise that has come through it
-SLOW = 2.0  # samples: noise of a longer correlation may have come through a filter with the signal
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
 TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
 CLIMBED = 3  # groups of channels whose best filter is looked at closer
@@ -87,8 +88,8 @@ def low_passes_of(
     if FITS < start.misfit(best) < NEAR:
         other = _best_like(start, _tried(start, best, groups))
         best = other if start.nats(other) > start.nats(best) + NOTICED_NATS else best
-    spoils = start.by_motion(best) < without.by_motion - NOTICED_NATS
-    if explained and (spoils or not _colours(best, acquisition)):
+    gains = start.by_motion(best) > without.by_motion + NOTICED_NATS
+    if explained and not (gains and _colours(best, acquisition)):
         return none
     worth = max(start.as_filed, without.nats) + NOTICED_NATS
     fits = TRUE if explained else FITS
@@ -96,28 +97,54 @@ def low_passes_of(
 
 
 def _colours(filters: LowPasses, acquisition: Acquisition) -> bool:
-    """Whether filters make noise of about the colour that it has: noise that wanders for another reason shows none."""
+    """Whether filters make noise of about the colour that it has: noise that wanders for another reason shows none.
+
+    Of readings in steps that show no colour none is asked.
+    """
     own = zip(filters, acquisition[:3], strict=True)
     told = [
-        (low.delay_s, traits.correlation_s or math.inf) for low, traits in own if math.isfinite(low.corner_hz)
+        (low.delay_s, traits.correlation_s or math.inf)
+        for low, traits in own
+        if math.isfinite(low.corner_hz) and not _hides_colour(traits)
     ]
     return all(1.0 / ABOUT < delay / time < ABOUT for delay, time in told)
 
 
-def _groups(acquisition: Acquisition, interval: float, explained: bool) -> list[tuple[int, ...]]:
-    """Channels that may have a filter: of a start that is explained without only those whose noise has come through one, too."""
+def _hides_colour(traits: ChannelTraits) -> bool:
+    """Whether the steps of readings hide what colour their noise has."""
+    return traits.resolution is not None and traits.correlation_s is None
+
+
+def _groups(
+    acquisition: Acquisition, interval: float, explained: bool
+) -> dict[tuple[int, ...], list[LowPass]]:
+    """Channels that may have the same filter, and the filters that are tried first.
+
+    Of a start that is explained without only those whose noise may have come through one, too, and of one of them has.
+    """
+    corners = [1.0 / (2.0 * math.pi * interval * samples) for samples in TIMES]
+    kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
     # a mean is known for what it is, and behind a filter no reading repeats itself
     single = {c for c, traits in enumerate(acquisition[:3]) if traits.averaged == 1 and not traits.in_a_band}
-    slow = {c for c, traits in enumerate(acquisition[:3]) if (traits.correlation_s or 0.0) > SLOW * interval}
-    among = single & slow if explained else single
-    return [channels for channels in CHANNELS if set(channels) <= among]
+    single_groups = [channels for channels in CHANNELS if set(channels) <= single]
+    if not explained:
+        return dict.fromkeys(single_groups, kinds)
+    coloured = {c for c, traits in enumerate(acquisition[:3]) if traits.correlation_s}
+    none = LowPasses()
+    likely = {
+        channels: [kind for kind in kinds if _colours(none.of(channels, kind), acquisition)]
+        for channels in single_groups
+        if coloured & set(channels)
+    }
+    return {channels: tried for channels, tried in likely.items() if tried}
 
 
-def _tried(start: "Start", found: LowPasses, groups: list[tuple[int, ...]]) -> list[LowPasses]:
+def _tried(start: "Start", found: LowPasses, groups: dict[tuple[int, ...], list[LowPass]]) -> list[LowPasses]:
     """The filters with a further one before each group of channels, the best of those that are tried first, best first."""
-    corners = [1.0 / (2.0 * math.pi * start.interval * samples) for samples in TIMES]
-    kinds = [LowPass(corner, order) for corner in corners for order in ORDERS]
-    begun = [max((found.of(channels, kind) for kind in kinds), key=start.nats) for channels in groups]
+    begun = [
+        max((found.of(channels, kind) for kind in kinds), key=start.nats)
+        for channels, kinds in groups.items()
+    ]
     return sorted(begun, key=start.nats, reverse=True)
 
 
