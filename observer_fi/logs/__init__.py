@@ -43,6 +43,7 @@ from observer_fi.logs.logger.low_pass import (
     LowPass,
     LowPasses,
     Unfiltered,
+    behind_steps,
     earlier,
     filtered_logger,
     timing_doubt,
@@ -87,6 +88,7 @@ if TYPE_CHECKING:
     from observer_fi.logs.inspection.vocabulary import meaning, understood
 
 __all__ = [
+    "behind_steps",
     "SET_UP_DEG",
     "quarter_of_a_ring",
     "quiet_speed",

@@ -80,7 +80,7 @@ def test_a_fast_filter_before_coarse_readings_shows_by_the_colour_of_the_others(
         through("low_pass+csv_3_decimals+jitter", seed).current.corner_hz for seed in range(7430, 7438)
     ]
     found_ones = [hz for hz in corners if math.isfinite(hz)]
-    assert len(found_ones) >= 6, corners
+    assert len(found_ones) >= 5, corners
     assert found_ones == pytest.approx([400.0] * len(found_ones), rel=0.2)
 
 

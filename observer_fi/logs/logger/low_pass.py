@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from observer_fi.numerics import digits
 from observer_fi.physics import COLUMNS, Rig
-from observer_fi.records import CHANNELS, Acquisition, Array, Filter, Log
+from observer_fi.records import CHANNELS, Acquisition, Array, ChannelTraits, Filter, Log
 
 FAST_HZ = 300.0  # corner of a filter that takes away nothing of what is looked for
 FEWEST = 4  # readings that can be interpolated
@@ -115,6 +115,17 @@ class Unfiltered:
                     out[1:, c][apart[:-1]] = np.nan
         self.before, self.time = known[-2:].copy(), float(log.t[-1])
         return replace(log, z=out)
+
+
+def behind_steps(now: ChannelTraits, read: ChannelTraits, own: LowPass, interval: float) -> ChannelTraits:
+    """Traits of readings without their filter where they came in steps, which are not to be seen any more.
+
+    now: as they look then, read: as they came. Rounding comes after a filter, and is more without it; no rest tells it.
+    """
+    if math.isinf(own.corner_hz) or read.resolution is None:
+        return now
+    as_white = max(now.as_white, math.hypot(*own.weights(interval)) * read.as_white)
+    return now._replace(as_white=as_white, resolution=read.resolution, repeats=read.repeats, grown=read.grown)
 
 
 def unfiltered(log: Log, told: Iterable[Filter]) -> Log:

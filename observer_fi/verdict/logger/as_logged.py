@@ -22,6 +22,7 @@ from observer_fi.logs import (
     Uninductive,
     Unmeant,
     acquisition_of,
+    behind_steps,
     even,
     inductance_of,
     means_of,
@@ -143,7 +144,7 @@ class AsLogged:
         """All but the filters before the readings; how well the first start is explained, where it tells."""
         self._begin_inputs(rig)
         log = self._inputs(log)
-        measured = _of(acquisition_of(log, rig.file_noise_std), rig.logger)
+        measured = _of(self._in_steps(acquisition_of(log, rig.file_noise_std)), rig.logger)
         read = _commanded(with_low_passes(measured, self.low_passes.told), log, rig)
         self.acquisition = as_in_motion(read, log, rig)
         rig = replace(rig, logger=None) if rig.logger else rig
@@ -178,6 +179,14 @@ class AsLogged:
         self.rig = self.phases.of(rig if filed else known)
         self._begin(log, rig)
         return start
+
+    def _in_steps(self, measured: Acquisition) -> Acquisition:
+        """What a log without its filters shows of its logger, with the steps in which its readings came."""
+        if self.with_filters is None:
+            return measured
+        every = zip(measured[:3], self.with_filters[:3], self.low_passes, strict=True)
+        voltage, current, position = (behind_steps(now, was, own, self.interval) for now, was, own in every)
+        return Acquisition(voltage, current, position, measured.clock)
 
     def _for_the_servo(self, settings: BankSettings, log: Log, rig: Rig) -> BankSettings:
         """The settings with room, beside an unknown servo, for the fastest change of the current that this log shows."""

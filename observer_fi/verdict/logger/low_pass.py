@@ -17,6 +17,7 @@ from observer_fi.logs import (
     LowPasses,
     Readings,
     Unfiltered,
+    behind_steps,
     channel_traits,
     clock_of,
     rests_for_noise,
@@ -79,7 +80,8 @@ def low_passes_of(
     groups = _groups(acquisition, 1.0 / log.rate_hz, explained)
     if not groups:
         return none
-    start = Start(log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1)), rig, settings, offset_of)
+    begin = log.part(slice(0, int(np.searchsorted(log.t, cut.t[-1])) + 1))
+    start = Start(begin, rig, settings, offset_of, acquisition)
     begun = _tried(start, none, groups)
     least = min(start.misfit(one) for one in begun)
     if not explained and least > min(HOPELESS, NO_HELP * without.misfit):
@@ -185,12 +187,20 @@ def _near(
 
 
 class Start:
-    """A log until its first start is over, as nominal explains it without the filters that may have come before its readings."""
+    """A log until its first start is over, as nominal explains it without the filters that may have come before its readings.
+
+    read: what its logger does as it came.
+    """
 
     def __init__(
-        self, log: Log, rig: Rig, settings: BankSettings, offset_of: Callable[[Acquisition, Rig], float]
+        self,
+        log: Log,
+        rig: Rig,
+        settings: BankSettings,
+        offset_of: Callable[[Acquisition, Rig], float],
+        read: Acquisition | None = None,
     ) -> None:
-        self.log, self.rig, self.offset_of = log, rig, offset_of
+        self.log, self.rig, self.offset_of, self.read = log, rig, offset_of, read
         self.settings = replace(settings, unknown=False, sensors=False)
         self.interval = float(np.median(np.diff(log.t)))
         self.rests, self.clock = rests_for_noise(log), clock_of(log.t)
@@ -251,6 +261,7 @@ class Start:
         for c, own in enumerate(filters):
             if (c, own._replace(late=0.0)) not in self.traits:
                 made = channel_traits(log.t, log.z[:, c], log.w_cmd, self.rests, usual[c])
-                self.traits[c, own._replace(late=0.0)] = made
+                read = made if self.read is None else self.read[:3][c]
+                self.traits[c, own._replace(late=0.0)] = behind_steps(made, read, own, self.interval)
         voltage, current, position = (self.traits[c, own._replace(late=0.0)] for c, own in enumerate(filters))
         return Acquisition(voltage, current, position, self.clock)
