@@ -16,7 +16,7 @@ from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.logs.command_shape import Level, Shown, as_shown
 from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
-from observer_fi.logs.position_speed import LONGEST_S, position_speed
+from observer_fi.logs.position_speed import LONGEST_S, PositionSpeed, position_speed
 from observer_fi.numerics import constant_runs, correlation_time, filled, resolution_of
 from observer_fi.physics import UNLEARNED, Model, Rig, commanded, override, speed
 from observer_fi.records import Array, Log
@@ -35,7 +35,6 @@ TURNS = (0.3, 3.0)  # of the way that a speed takes a mass: what moved less or m
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
 RINGING_SHARE = 0.1  # if it is this near to the level beside it, as a share of the largest
 
-SLOWEST, TOP = 0.03, 0.98  # of that quantile of the speed: a mass that is slower stands
 DRIVEN, HELD = 0.4, 3.0  # of the current in motion, and times that at rest: what moves a motor
 SHORT = 5  # samples: a current that is less for a shorter time is noise
 # Of the speed that a mass lost: where the current can have taken less than this of it, the motor did not stop with the mass.
@@ -83,7 +82,7 @@ def recover_command(log: Log, model: Model) -> Log:
         )
     has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
     if not has_loop and _only_position(log):
-        return _with_speed(log, *position_speed(log.t, log.z[:, 2], model["D"]), model)
+        return _with_speed(log, position_speed(log.t, log.z[:, 2], model["D"]), model)
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
     rounding = _rounding(log, model)
     noise = _noise(log.t, command[known], rounding)
@@ -142,13 +141,13 @@ def _only_position(log: Log) -> bool:
     return log.encoder is None and not seen[0] and seen[2]
 
 
-def _with_speed(log: Log, w: Array, noise: float, model: Model) -> Log:
+def _with_speed(log: Log, speed_of_mass: PositionSpeed, model: Model) -> Log:
     """`log` with the speed of the mass for its command, and 0 where that is within its noise.
 
     A servo that nobody knows needs no more of a command than where it moves, and how fast. Where the mass stands and the
     current goes on, or never braked the motor, that is still told to move.
     """
-    turns = np.abs(w) > max(SIGMAS * noise, SLOWEST * float(np.quantile(np.abs(w), TOP)))
+    w, turns = speed_of_mass.w, speed_of_mass.moves
     w_cmd = np.where(turns, w, 0.0)
     stood = began = 0
     for a, b in constant_runs(turns.astype(np.int8)):
@@ -159,7 +158,7 @@ def _with_speed(log: Log, w: Array, noise: float, model: Model) -> Log:
         elif a > 0:
             last = float(np.median(w_cmd[max(began, 2 * a - b) : a]))
             left = _left_behind(log, w, a, b, model)
-            stood = _driven_until(log, turns, a, b, last, left)
+            stood = _driven_until(log, turns, slice(began, a), b, last, left)
             w_cmd[a:stood] = last
     starts = int(np.count_nonzero(np.diff((w_cmd != 0.0).astype(np.int8)) > 0))
     return _recovered(log, w_cmd, "the position", starts)
@@ -199,9 +198,9 @@ def _begun(log: Log, stood: int, a: int) -> int:
     return first + int(left[0]) if left.size else a
 
 
-def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
+def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool | None:
     """Whether the mass, which stands in rows a to b, stopped without its motor: what the current and friction took of its speed
-    (equation 1) is far less than it lost, or would have let it go much farther than it did.
+    (equation 1) is far less than it lost, or would have let it go much farther than it did. None where too few samples tell.
     """
     reach = round(LONGEST_S * log.rate_hz)
     first, last = max(a - reach, 0), min(a + reach, b)
@@ -211,7 +210,7 @@ def _left_behind(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
     way, t = np.sign(w[first]), log.t[first:last]
     pull = model["Km"] * filled(log.z[:, 1])[first:last] * way - model["A"]
     if t.size < FEWEST_IN_BLOCK or not np.isfinite(pull).all():
-        return False
+        return None
     taken = -float(np.trapezoid(pull, t)) / model["J"]
     return taken < EXPLAINED * abs(w[first]) or _stops_short(log, w, a, b, model)
 
@@ -238,18 +237,22 @@ def _stops_short(log: Log, w: Array, a: int, b: int, model: Model) -> bool:
     return x[-1] - x[n + slows] < EXPLAINED * expected - SIGMAS * noise
 
 
-def _driven_until(log: Log, turns: Mask, a: int, b: int, way: float, left: bool) -> int:
-    """The row until which the current drives on, `way` as before, a mass that stands in rows a to b.
+def _driven_until(log: Log, turns: Mask, move: slice, b: int, way: float, left: bool | None) -> int:
+    """The row until which the current drives on, `way` as before, a mass that stands from the end of a move to row b.
 
     A stop takes the current away, or turns it round, before the mass stands; so does a rest that shows as much of it. A motor
-    that has left its mass (`left`) needs less current than before.
+    that has left its mass (`left`) needs less current than before; one that its current has stopped is held by what its servo
+    has summed up, which is less than what moved it.
     """
+    a = move.stop
     i = np.nan_to_num(filled(log.z[:, 1])) * np.sign(way)
     before = i[: int(np.argmax(turns))]
     usual = float(np.median(np.abs(i[turns])))
     enough = max(DRIVEN * usual, HELD * float(np.median(np.abs(before))) if before.size else np.inf)
     if left:
         enough = min(enough, DRIVEN * float(np.median(i[a : a + round(AFTER_S * log.rate_hz)])))
+    elif left is not None:
+        enough = max(enough, float(np.median(i[move])))
     begin = max(a - round(LONGEST_S * log.rate_hz), 0)
     more, around = i[begin:b] > enough, np.ones(SHORT)  # at the ends there are fewer
     pulls = np.convolve(more, around, "same") > 0.5 * np.convolve(np.ones(more.size), around, "same")

@@ -4,9 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer_fi.logs.logger.holds import hold_of
-from observer_fi.numerics import filled
+from observer_fi.numerics import filled, runs
 from observer_fi.records import Array
 
 SURE = 0.02  # of the top speed: what noise may make of the slope
@@ -15,12 +16,19 @@ LONGEST_S = 0.1  # of a stretch: a longer one would smooth moves away
 # second one, and at most so.
 HIDDEN, SEEN, FARTHEST_S = 0.12, 0.04, 0.5
 FEWEST = 5  # samples of a stretch
+# Standard deviations of its noise from which a speed is seen; of that of the fastest, below which a mass stands.
+SIGMAS, SLOWEST, TOP = 6.0, 0.03, 0.98
+LONGER = 2  # times as long is the next stretch in which a slower move is looked for
 
 
 class PositionSpeed(NamedTuple):
-    """(n,) speed of the motor [rad/s], and the standard deviation of its noise."""
+    """(n,) speed of the motor [rad/s], where the mass is seen to move, and the standard deviation of the speed's noise.
+
+    A slow move is seen in a stretch that is longer than those of the fast ones; its noise is then less.
+    """
 
     w: Array
+    moves: NDArray[np.bool_]
     std: float
 
 
@@ -34,7 +42,8 @@ def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
     if updates is None:
         return _slope(t, x, D)
     slope = _slope(*updates, D)
-    return PositionSpeed(np.interp(t, updates[0], slope.w), slope.std)
+    moves = np.interp(t, updates[0], slope.moves.astype(np.float64)) > 0.5
+    return PositionSpeed(np.interp(t, updates[0], slope.w), moves, slope.std)
 
 
 def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:
@@ -65,8 +74,37 @@ def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
         while size < most and _slope_std(noise, size, step) > share * top:
             size += 2
         size = min(size, most)
-    slope = savgol_filter(x, size, 1, deriv=1, delta=step)
-    return PositionSpeed(slope / D, _slope_std(noise, size, step) / D)
+    slope, std = savgol_filter(x, size, 1, deriv=1, delta=step), _slope_std(noise, size, step)
+    least = SLOWEST * float(np.quantile(np.abs(slope), TOP))
+    moves = np.abs(slope) > max(SIGMAS * std, least)
+    longer = LONGER * size | 1
+    while longer * step <= FARTHEST_S and longer <= whole:
+        slower = savgol_filter(x, longer, 1, deriv=1, delta=step)
+        enough = max(SIGMAS * _slope_std(noise, longer, step), least)
+        found = _slow_moves(slower, enough, _widened(moves, longer // 2 + size // 2))
+        slope, moves, longer = np.where(found, slower, slope), moves | found, LONGER * longer | 1
+    return PositionSpeed(slope / D, moves, std / D)
+
+
+def _slow_moves(slope: Array, enough: float, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) where a mass moves by a slope of more than `enough` in stretches that do not reach rows `near` to faster moves.
+
+    A move begins and ends in the middle of a stretch that shows half of its speed.
+    """
+    found = np.zeros(slope.size, dtype=np.bool_)
+    seen = (np.abs(slope) > enough) & ~near
+    for a, b in zip(*runs(seen), strict=True):
+        way = math.copysign(1.0, float(slope[(a + b) // 2]))
+        half = (way * slope > 0.5 * float(np.median(np.abs(slope[a:b])))) & ~near
+        for first, last in zip(*runs(half), strict=True):
+            if first < b and last > a:
+                found[first:last] = True
+    return found
+
+
+def _widened(rows: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Rows (n,), and so many on either side of each."""
+    return np.convolve(rows, np.ones(2 * by + 1), "same") > 0.5 if rows.any() else rows
 
 
 def _reading_std(x: Array) -> float:

@@ -238,7 +238,7 @@ def _stands_while_driven(t: Array, x: Array, told: Mask, D: float) -> float | No
     last = int(np.flatnonzero(told)[-1]) if told.any() else t.size
     if last >= t.size - FEWEST // 2:
         return None
-    w, std = position_speed(t, x, D)
+    w, _, std = position_speed(t, x, D)
     moves = np.flatnonzero(np.abs(w) > max(MOVES * std, STANDS * float(np.abs(w).max())))
     stood = int(moves[-1]) if moves.size else last
     return float(t[stood]) if last - stood >= FEWEST and t[last] - t[stood] > LEFT_S else None
