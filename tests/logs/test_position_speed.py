@@ -53,6 +53,31 @@ def test_moves_are_where_the_mass_moves() -> None:
     assert "recovered from the position, 10 starts" in " ".join(log.notes)
 
 
+@pytest.mark.parametrize("times", [10.0, 20.0, 40.0, 80.0])
+def test_a_move_that_is_slow_beside_the_noise_of_the_position_is_seen(times: float) -> None:
+    """A quarter of the top speed, within six standard deviations of what a stretch shows that suits the top speed, was a rest."""
+    spec = healthy_spec(ACTUATOR)
+    frame, _ = actuator_log(ACTUATOR, spec, 3)
+    true, rng = true_motion(spec).speed, np.random.default_rng(round(times))
+    noise = times * ACTUATOR.logger.position_noise_m * rng.normal(size=len(frame))
+    log = recover_command(log_from_frame(frame.assign(position_m=frame["position_m"] + noise)), MODEL)
+    assert np.mean((log.w_cmd != 0.0) == (true != 0.0)) > 0.95
+    assert "recovered from the position, 10 starts" in " ".join(log.notes)
+
+
+@pytest.mark.parametrize("held", [0.5, 0.9])
+def test_a_current_that_holds_a_mass_that_it_has_stopped_is_a_rest(held: float) -> None:
+    """An integral stays as it was when the motor stopped, at nearly all that moved it; a soft stop takes little of it away."""
+    t, J, friction = np.arange(0.0, 4.0, 2e-3), MODEL["J"], MODEL["A"] / MODEL["Km"]
+    stops = 2.0 + 100.0 * J / (0.4 * MODEL["A"])
+    w = np.interp(t, [0.5, 0.6, 2.0, stops], [0.0, 100.0, 100.0, 0.0])
+    i = np.where(t > 0.5, friction + J * np.gradient(w, t) / MODEL["Km"], 0.0)
+    i = np.where((t >= stops) & (t < 3.0), held * friction, np.where(t >= 3.0, 0.0, i))
+    x = np.cumsum(w) * 2e-3 * MODEL["D"] + 1e-6 * np.random.default_rng(3).normal(size=t.size)
+    w_cmd = recover_command(position_only(t, i, x), MODEL).w_cmd
+    assert (w_cmd[(t > 0.7) & (t < 1.9)] != 0.0).all() and (w_cmd[t > stops + 0.1] == 0.0).all()
+
+
 def test_a_mass_that_is_lost_leaves_a_motor_that_is_told_to_move() -> None:
     spec = fault_spec(ACTUATOR, "coupling_loss", 1)
     frame, truth = actuator_log(ACTUATOR, spec, 3)
