@@ -60,6 +60,17 @@ def test_viscous_friction_has_its_name_and_size(drive: str, seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [859005, 853004])
+@pytest.mark.first(1)
+def test_a_friction_that_warms_up_has_its_name_and_size(seed: int) -> None:
+    """Of 859005 a move is slow beside the noise of the position, and no name fits behind a loop around the cold machine."""
+    found = improved("current", seed, effect("friction_warmup", rise=0.3, time=4.0))
+    assert [one.cause for one in found.findings] == ["friction_warmup"]
+    sizes = {name: value.value for name, value in found.findings[0].parameters.items()}
+    assert sizes == pytest.approx({"warmup_rise": 0.3, "warmup_time": 4.0}, rel=0.1)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), HEALTHY)
 @pytest.mark.first(2)
 def test_a_healthy_campaign_misses_nothing(drive: str, seed: int) -> None:
