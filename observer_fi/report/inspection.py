@@ -70,8 +70,8 @@ def inspection_text(found: Inspection) -> str:
 
 
 def _shown(line: str) -> str:
-    """A line that no terminal obeys."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+    """A line that no terminal obeys; spaces of any kind are plain ones."""
+    return "".join(" " if c.isspace() else c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 def _headline(found: Inspection) -> str:

@@ -379,6 +379,13 @@ def test_what_a_map_cannot_do_is_said(tmp_path: Path) -> None:
     assert all(need.missing for need in found.needs) and found.moves == ()
 
 
+def test_spaces_within_numbers_are_plain(tmp_path: Path) -> None:
+    """Those of powers of ten are none that a terminal breaks lines at, and were shown as \\xa0."""
+    style = Style(("t [us]", "U [V]", "I [A]", "x [mm]"), (T * 1e6 + 1e9, V, I, X * 1e3))
+    said = inspection_text(inspect_log(str(write(style, tmp_path / "log.csv"))))
+    assert " × 10" in said and "\\x" not in said
+
+
 def test_a_measured_speed_is_no_command(tmp_path: Path) -> None:
     noisy = W + np.random.default_rng(1).standard_normal(T.size)
     style = Style(("t [s]", "I [A]", "x [mm]", "n [1/min]"), (T, I, X * 1e3, noisy))
@@ -528,7 +535,8 @@ def test_no_table_makes_inspect_fail(text: str, tmp_path_factory: pytest.TempPat
         assert "\n" not in str(error)
         return
     columns_from_table(tomllib.loads(found.column_map))
-    assert inspection_text(found).isprintable() is False and json.dumps(inspection_json(found), default=str)
+    assert all(line.isprintable() for line in inspection_text(found).split("\n"))
+    assert json.dumps(inspection_json(found), default=str)
 
 
 # --- motion --------------------------------------------------------------------------------------
