@@ -104,7 +104,7 @@ def _slow_moves(slope: Array, enough: float, near: NDArray[np.bool_]) -> NDArray
 
 def _widened(rows: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Rows (n,), and so many on either side of each."""
-    return np.convolve(rows, np.ones(2 * by + 1), "same") > 0.5 if rows.any() else rows
+    return np.convolve(rows, np.ones(2 * by + 1))[by : by + rows.size] > 0.5
 
 
 def _reading_std(x: Array) -> float:
