@@ -22,9 +22,8 @@ NUISANCE_STEP = np.array([1e-4, 1e-6])  # A, m: for differences
 _ITERATIONS = 30
 _HALVINGS = 6
 _DONE = 0.01  # nats that a step must gain to be worth another one
-_OF_MISFIT = (
-    1e-5  # of the misfit over the noise, the same: who misses by thousands looks for no tenth of a nat
-)
+# Of the misfit over the noise, the same: who misses by thousands looks for no tenth of a nat.
+_OF_MISFIT = 1e-5
 _CONDITION = 1e-12
 _RUN_AWAY = 1e30  # standard deviations of the noise
 _FARTHEST = 4.0  # standard deviations that a rest may be off: farther out is another branch of stick and slip

@@ -61,6 +61,7 @@ def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:
 
 
 def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
+    from scipy.ndimage import maximum_filter1d
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(t)))
@@ -81,30 +82,27 @@ def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
     while longer * step <= FARTHEST_S and longer <= whole:
         slower = savgol_filter(x, longer, 1, deriv=1, delta=step)
         enough = max(SIGMAS * _slope_std(noise, longer, step), least)
-        found = _slow_moves(slower, enough, _widened(moves, longer // 2 + size // 2))
+        near = maximum_filter1d(moves, 2 * (longer // 2 + size // 2) + 1, mode="constant")
+        found = _slow_moves(slower, enough, near, longer)
         slope, moves, longer = np.where(found, slower, slope), moves | found, LONGER * longer | 1
     return PositionSpeed(slope / D, moves, std / D)
 
 
-def _slow_moves(slope: Array, enough: float, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) where a mass moves by a slope of more than `enough` in stretches that do not reach rows `near` to faster moves.
+def _slow_moves(slope: Array, enough: float, near: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """(n,) where a mass moves by a slope (n,) of more than `enough` [m/s], in stretches of `reach` rows that do not come `near`
+    (n,) faster moves.
 
     A move begins and ends in the middle of a stretch that shows half of its speed.
     """
     found = np.zeros(slope.size, dtype=np.bool_)
-    seen = (np.abs(slope) > enough) & ~near
-    for a, b in zip(*runs(seen), strict=True):
+    for a, b in zip(*runs((np.abs(slope) > enough) & ~near), strict=True):
+        around = slice(max(int(a) - reach, 0), int(b) + reach)
         way = math.copysign(1.0, float(slope[(a + b) // 2]))
-        half = (way * slope > 0.5 * float(np.median(np.abs(slope[a:b])))) & ~near
+        half = (way * slope[around] > 0.5 * float(np.median(np.abs(slope[a:b])))) & ~near[around]
         for first, last in zip(*runs(half), strict=True):
-            if first < b and last > a:
-                found[first:last] = True
+            if around.start + first < b and around.start + last > a:
+                found[around.start + first : around.start + last] = True
     return found
-
-
-def _widened(rows: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Rows (n,), and so many on either side of each."""
-    return np.convolve(rows, np.ones(2 * by + 1))[by : by + rows.size] > 0.5
 
 
 def _reading_std(x: Array) -> float:

@@ -92,17 +92,18 @@ def test_a_stop_that_is_not_there_tells_nothing() -> None:
         assert AsLogged(log.part(slice(0, last)), RIG, SETTINGS).late == NONE
 
 
-def test_a_low_pass_makes_voltage_and_current_late_by_the_same() -> None:
+def test_a_low_pass_makes_all_channels_late_by_nearly_the_same() -> None:
     """By 0.6 samples, as a delay or, where the colour of the noise shows it, as a filter that is taken out."""
     found = []
     for seed in SEEDS:
-        log = log_from_frame(make_log_with("low_pass", draw_move_case(seed, "nominal"), seed)[0])
-        known = AsLogged(log, RIG, SETTINGS)
-        own = [low.delay_s * log.rate_hz if math.isfinite(low.corner_hz) else 0.0 for low in known.low_passes]
+        frame, truth = make_log_with("low_pass", draw_move_case(seed, LABELS[seed % 3]), seed)
+        known = AsLogged(log_from_frame(frame), RIG, SETTINGS)
+        own = [low.delay_s * RATE if math.isfinite(low.corner_hz) else 0.0 for low in known.low_passes]
         voltage, current, position = (a + b for a, b in zip(own, known.late, strict=True))
-        assert position <= max(voltage, current) and abs(voltage - current) < 0.4
-        found.append(0.5 * (voltage + current))
-    assert np.median(found) == pytest.approx(0.6, abs=0.2)
+        true = truth["acquisition"]["current_a"]["delay_s"] * RATE
+        assert position <= max(voltage, current) < true + 0.2 and abs(voltage - current) < 0.4
+        found.append(max(voltage, current))
+    assert np.median(found) == pytest.approx(0.6, abs=0.15)
 
 
 def test_the_mean_of_32_samples_is_half_of_them_late() -> None:

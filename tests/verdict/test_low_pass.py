@@ -77,7 +77,7 @@ def test_an_ideal_logger_has_none() -> None:
 def test_a_fast_filter_before_coarse_readings_shows_by_the_colour_of_the_others() -> None:
     """Steps of the current of three standard deviations hide its noise; the start alone is explained without a filter."""
     corners = [
-        through("low_pass+csv_3_decimals+jitter", seed).current.corner_hz for seed in range(7430, 7438)
+        through("low_pass+csv_3_decimals+jitter", seed).current.corner_hz for seed in range(7450, 7458)
     ]
     found_ones = [hz for hz in corners if math.isfinite(hz)]
     assert len(found_ones) >= 5, corners

@@ -37,9 +37,8 @@ TRUE = 1.25
 # The same of the best of the filters tried first, from which on a start that is not explained has none: of 45 filters, seeds
 # 99720000 to 99720059, at most 110, and 0.76 of what it was without; of other machines 350 and more, or 1.
 HOPELESS, NO_HELP = 200.0, 0.95
-NOTICED_NATS = (
-    40.0  # that filters must gain at a start, and its motion beside its rest where it is explained without
-)
+# That filters must gain at a start; where it is explained without, also its motion beside its rest.
+NOTICED_NATS = 40.0
 ABOUT = 2.5  # times the delay of a filter, the correlation time of noise that has come through it
 LEFT = 0.1  # of what a channel covers in the start: what comes of more noise than that tells nothing
 TIMES = tuple(1.5**n for n in range(11))  # time constants in samples that are tried first
