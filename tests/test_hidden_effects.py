@@ -40,6 +40,7 @@ def test_every_right_size_is_a_parameter_of_the_model():
     assert sizes["position_gain"] == (("position_gain",), pytest.approx(1.06))
 
 
+@pytest.mark.slow
 def test_nothing_hidden_nothing_found():
     assert hide((), 0.0)["found"] == []
 

@@ -50,6 +50,7 @@ def said(name: str, label: str, seed: int) -> Said:
     return Said(right, not right and verdict.probability > CONFIDENT, words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 @pytest.mark.first(5)
 def test_the_verdict_through_a_logger_is_right(name: str) -> None:
@@ -57,6 +58,7 @@ def test_the_verdict_through_a_logger_is_right(name: str) -> None:
     assert answer.right, answer.words
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(("name", "seed"), [("steps_3_all", FIRST), ("twelve_bits", FIRST + 1)])
 def test_a_mass_that_never_moves_is_no_coarse_sensor(name: str, seed: int) -> None:
     """Lost before the first step of the position: few of its steps are seen, for the mass stands."""
@@ -126,6 +128,7 @@ FAILS_BEHIND = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "channel", "name", "seed"), FAILS_BEHIND)
 def test_a_sensor_that_freezes_behind_coarse_steps_is_named(
     kind: str, channel: str, name: str, seed: int

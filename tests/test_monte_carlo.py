@@ -1,4 +1,4 @@
-"""The study of `pipelines/diagnose_study.py`: a small one in every run, a large one in `make slow`. Independent truth."""
+"""The study of `pipelines/diagnose_study.py`: a small one in `make slow`, a large one in `make studies`. Independent truth."""
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,13 @@ def few() -> pd.DataFrame:
     return d.study(d.jobs(d.NAMED, SMALL))
 
 
+@pytest.mark.slow
 def test_every_move_is_right(few: pd.DataFrame) -> None:
     assert few["right"].all(), d.wrong(few)
     assert not (few["isolated_ms"] < 0.0).any()
 
 
+@pytest.mark.slow
 def test_moves_are_isolated_fast_and_placed_well(few: pd.DataFrame) -> None:
     """The medians asked of 300 moves (50 and 10 ms), with room for few: a quarter of all coupling losses take over 10 ms."""
     for label, delay_ms in (("overload", 50.0), ("coupling_loss", 15.0)):
@@ -27,6 +29,7 @@ def test_moves_are_isolated_fast_and_placed_well(few: pd.DataFrame) -> None:
         assert g["found_ms"].abs().median() < 15.0
 
 
+@pytest.mark.slow
 def test_moves_are_consistent(few: pd.DataFrame) -> None:
     assert few["nis"].between(2.7, 3.2).all()  # 3 expected, less what starts leave in doubt
 
@@ -92,13 +95,14 @@ def test_declared_alike_is_accepted_and_nothing_else() -> None:
 # --- the study -----------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=[25, pytest.param(50, marks=pytest.mark.study)])
+@pytest.fixture(scope="module", params=[25, 50])
 def many(request: pytest.FixtureRequest) -> pd.DataFrame:
     """So many moves of each fault, and twice as many healthy ones."""
     return d.study([*d.jobs(d.NAMED[:1], 2 * request.param), *d.jobs(d.NAMED[1:], request.param)])
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_many_moves(many: pd.DataFrame) -> None:
     """Must show of the bank: 99 % right at the end of the log, medians of delay and onset, no false alarm.
 
@@ -119,6 +123,7 @@ def test_many_moves(many: pd.DataFrame) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_innovations_are_consistent(many: pd.DataFrame) -> None:
     assert many["nis"].mean() == pytest.approx(2.95, abs=0.1)
     assert (many["whiteness_p"] < 0.01).mean() < 0.1

@@ -58,6 +58,7 @@ def test_nothing_heavy_is_imported_before_it_is_asked_for() -> None:
     assert loaded.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_a_diagnosis_with_its_page_imports_only_what_it_needs(tmp_path: Path) -> None:
     log = DATA / "overload_steady.csv.gz"
     words = ["diagnose", str(log), "--quiet", "--out", str(tmp_path)]
@@ -66,6 +67,7 @@ def test_a_diagnosis_with_its_page_imports_only_what_it_needs(tmp_path: Path) ->
     assert python(f"{run}; print([m for m in {slow} if m in sys.modules])").strip() == "[]"
 
 
+@pytest.mark.slow
 def test_a_log_that_is_added_to_a_life_imports_only_what_it_needs(tmp_path: Path) -> None:
     words = ["trend", str(DATA / "false_alarm_steady.csv.gz"), "--quiet", "--out", str(tmp_path)]
     slow = ("pandas", "matplotlib", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate")
@@ -93,11 +95,13 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
         observer_fi.diagnos  # noqa: B018
 
 
+@pytest.mark.slow
 def test_the_room_does_not_take_the_place_of_the_function() -> None:
     code = "import observer_fi.improve.improvement, observer_fi; print(type(observer_fi.improve).__name__)"
     assert python(code).strip() == "function"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss"])
 def test_path_frame_and_log_give_one_verdict_with_or_without_the_command(label: str) -> None:
     path = DATA / f"{label}_steady.csv.gz"
@@ -123,6 +127,7 @@ def found() -> Diagnosis:
     return diagnose(DATA / "overload_steady.csv.gz")
 
 
+@pytest.mark.slow
 def test_five_lines_from_a_frame_to_a_verdict_and_a_plot(tmp_path: Path) -> None:
     log = DATA / "overload_steady.csv.gz"
     before = f"import os, sys, pandas; frame = pandas.read_csv({str(log)!r}, comment='#'); os.chdir({str(tmp_path)!r})"
@@ -226,6 +231,7 @@ def test_what_is_wrong_with_a_frame_is_one_line(given: tuple[Any, ...], said: st
     assert said in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_identify_takes_what_diagnose_takes() -> None:
     healthy = [DATA / "false_alarm_steady.csv.gz", frame_of(read_log(DATA / "false_alarm_transient.csv.gz"))]
     result = identify(healthy)
@@ -241,6 +247,7 @@ def test_identify_takes_what_diagnose_takes() -> None:
     assert list(result.figures()) == ["parameters", "correlation"] and len(result.plot().axes) == 1
 
 
+@pytest.mark.slow
 def test_a_life_of_frames(tmp_path: Path) -> None:
     frames = [cycle_frame(k, 0.9 if k < 12 else 1.4) for k in range(20)]
     result = trend(frames)
@@ -284,6 +291,7 @@ def test_moves_are_planned(tmp_path: Path) -> None:
         plan("backlash", faults="slip")
 
 
+@pytest.mark.slow
 def test_a_comparison(tmp_path: Path) -> None:
     result = compare(3)
     assert "right on 3 logs" in str(result) and "Observer bank" in result._repr_html_()

@@ -26,12 +26,14 @@ def test_a_folder_of_logs_becomes_reports_and_a_table(
     assert "overload" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_papers_figures_come_out_right(tmp_path: Path) -> None:
     """Exit 0 says that figures 5 to 7 isolate the fault that was put in."""
     assert reproduce_paper.main(["--out", str(tmp_path / "out")]) == 0
     assert {f"figure_{k}.svg" for k in range(1, 8)} < {p.name for p in (tmp_path / "out").iterdir()}
 
 
+@pytest.mark.slow
 def test_the_comparison_writes_its_page(tmp_path: Path) -> None:
     assert compare_mixture.main(["--cases", "3", "--out", str(tmp_path / "out")]) == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"compare.html", "compare.json", "delays.svg"}

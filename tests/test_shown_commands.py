@@ -79,6 +79,7 @@ def test_the_commands_that_are_shown_run(
     assert ran >= 12
 
 
+@pytest.mark.slow
 def test_the_first_verdict_is_what_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -94,6 +95,7 @@ def test_the_first_verdict_is_what_the_page_says(
     assert (tmp_path / "reports" / "monday" / "verdict.png").is_file()
 
 
+@pytest.mark.slow
 def test_the_python_of_the_pages_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of docs/first-verdict.md and docs/api.md, with the log and the frames that they speak of."""
     frame = pd.read_csv(ROOT / "data" / "overload_steady.csv.gz", comment="#")
@@ -112,6 +114,7 @@ def test_the_python_of_the_pages_runs(tmp_path: Path, monkeypatch: pytest.Monkey
     assert ran == 4 and (tmp_path / "verdict.png").is_file()
 
 
+@pytest.mark.slow
 def test_the_demo_prints_what_the_readme_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

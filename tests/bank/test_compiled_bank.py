@@ -314,6 +314,7 @@ json.dump(out, sys.stdout)
 """
 
 
+@pytest.mark.slow
 def test_works_without_the_compiler() -> None:
     log = cut(move(4, "coupling_loss"), onset(4, "coupling_loss") - 0.02, onset(4, "coupling_loss") + 0.012)
     assert 45 < log.t.size < 60
@@ -368,6 +369,7 @@ def mean_nees(off: np.ndarray, P: np.ndarray, states: list[int]) -> np.ndarray:
     return np.einsum("skc,skc->sk", e, np.linalg.solve(S, e[..., None])[..., 0]).mean(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_filters_know_how_wrong_they_are(kind: str) -> None:
     """NEES of w, I, x and NIS of 20 healthy rigs, each with its own friction, against chi-square bounds.

@@ -170,6 +170,7 @@ def consistent(name: str) -> None:
     assert judged(log_of(name, SHORT, "coupling_loss", 2.0), rig)[0] == "coupling_loss"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 @pytest.mark.first(2)
 def test_what_the_bank_once_left_out_is_carried(name: str) -> None:
@@ -183,6 +184,7 @@ def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> N
     consistent(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 @pytest.mark.parametrize("name", FAST)
 @pytest.mark.first(5)

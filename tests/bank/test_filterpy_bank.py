@@ -107,6 +107,7 @@ def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltag
     np.testing.assert_allclose(ours.density, compiled.density, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.slow)]
 )
@@ -132,6 +133,7 @@ SLOW_ENGINES = (
 )
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

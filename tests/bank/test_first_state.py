@@ -61,6 +61,7 @@ def test_a_log_that_begins_under_way_tells_nothing_of_it() -> None:
     assert held_at_first(np.full((HELD_ROWS, 3), np.nan), 0.0 * way, np.zeros(HELD_ROWS), MADE.noise) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["sine", "without_rests"])
 def test_a_motor_that_holds_more_than_the_rig_file_says_is_healthy(shape: str) -> None:
     """Friction 20 % above the rig file and a held current near it: the bank saw the motor creep, and gravity paid for it."""

@@ -49,6 +49,7 @@ def run(capsys: pytest.CaptureFixture[str]):
     return go
 
 
+@pytest.mark.slow
 def test_what_a_logger_hides_is_told_above_the_verdict(run, tmp_path: Path) -> None:
     table = pd.read_csv(sample("overload_steady"), comment="#")
     held = table["position_m"].to_numpy()
@@ -66,8 +67,9 @@ def test_what_a_logger_hides_is_told_above_the_verdict(run, tmp_path: Path) -> N
     assert [f"held: warning: {sentence}" for sentence in told["warnings"]] == warnings
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.first(6)
 @pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_sample_logs_get_the_right_verdict(name: str, kind: str, run, tmp_path: Path) -> None:
     ran = run("diagnose", sample(name), "--filter", kind, "--json", "--out", tmp_path)
     result = json.loads(ran.out)
@@ -80,6 +82,7 @@ def test_the_sample_logs_get_the_right_verdict(name: str, kind: str, run, tmp_pa
     assert sorted(p.name for p in tmp_path.iterdir()) == [name]
 
 
+@pytest.mark.slow
 def test_one_line_for_a_person(run, tmp_path: Path) -> None:
     ran = run("diagnose", sample("overload_steady"), "--out", tmp_path)
     assert ran.out.count("\n") == 1
@@ -87,6 +90,7 @@ def test_one_line_for_a_person(run, tmp_path: Path) -> None:
     assert run("diagnose", sample("overload_steady"), "--out", tmp_path, "--quiet").out == ""
 
 
+@pytest.mark.slow
 def test_fail_on_fault(run, tmp_path: Path) -> None:
     quiet = ("--quiet", "--fail-on-fault", "--out", tmp_path)
     assert run("diagnose", sample("overload_steady"), *quiet).code == FAULT
@@ -115,6 +119,7 @@ def test_a_bad_log_is_one_line_and_exit_2(name: str, run, tmp_path: Path) -> Non
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_bad_log_among_many_stops_nothing_and_is_listed(run, tmp_path: Path) -> None:
     bad = tmp_path / "empty.csv"
     bad.write_text("")
@@ -156,18 +161,21 @@ def test_bad_usage_is_one_line_and_exit_2(words: Sequence[str], run, tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_bad_usage(run, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     ran = run("diagnose", sample("overload_steady"), "--out", tmp_path / "file", "--quiet")
     assert ran.code == USAGE and ran.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_external_detection_starts_the_verdict(run, tmp_path: Path) -> None:
     ran = run("diagnose", sample("overload_steady"), "--json", "--out", tmp_path, "--detected-at", "2.0")
     verdict = json.loads(ran.out)["verdict"]
     assert verdict["label"] == "overload" and verdict["isolated_s"] >= 2.0
 
 
+@pytest.mark.slow
 def test_simulate_repeats_itself_and_tells_the_truth(run, tmp_path: Path) -> None:
     words = (
         "simulate",
@@ -190,6 +198,7 @@ def test_simulate_repeats_itself_and_tells_the_truth(run, tmp_path: Path) -> Non
     assert result["verdict"]["label"] == "coupling_loss"
 
 
+@pytest.mark.slow
 def test_compare_writes_its_scores(run, tmp_path: Path) -> None:
     ran = run("compare", "--cases", 3, "--json", "--out", tmp_path)
     result = json.loads(ran.out)
@@ -204,6 +213,7 @@ def test_every_command_explains_itself(name: str, run) -> None:
     assert ran.code == OK and f"observer-fi {name}" in ran.out
 
 
+@pytest.mark.slow
 def test_the_process_as_a_user_runs_it(tmp_path: Path) -> None:
     """From another folder, output to a pipe: nothing on standard error, and no progress bar."""
     command = [sys.executable, "-m", "observer_fi", "diagnose", sample("coupling_loss_steady"), "--json"]

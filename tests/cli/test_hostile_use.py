@@ -90,6 +90,7 @@ def test_names_that_climb_are_one_line(command: str, name: str, capsys: pytest.C
     assert tree(".").items() >= before.items()
 
 
+@pytest.mark.slow
 def test_two_logs_of_one_name_have_two_reports(capsys: pytest.CaptureFixture[str]) -> None:
     first, second = put("sub1/a.csv"), put("sub2/a.csv", LOST)
     assert main(["diagnose", first]) == OK

@@ -19,6 +19,7 @@ def both() -> tuple[DiagnosisGain, DiagnosisGain]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_the_right_model_ends_the_false_alarms(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert before.false_alarms > 0 == after.false_alarms
@@ -26,6 +27,7 @@ def test_the_right_model_ends_the_false_alarms(both: tuple[DiagnosisGain, Diagno
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_the_right_model_isolates_every_fault_and_sooner(both: tuple[DiagnosisGain, DiagnosisGain]) -> None:
     before, after = both
     assert after.right == after.faults == 8 >= before.right

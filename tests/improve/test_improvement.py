@@ -33,6 +33,7 @@ def sticky() -> Improvement:
     return improve([campaign(plant, seed=4)], RIG)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_only_moved_is_no_finding(control):
     assert control.findings == ()
     assert control.unexplained == ()
@@ -40,6 +41,7 @@ def test_a_parameter_that_only_moved_is_no_finding(control):
     assert control.refit["A"].prior == RIG.model["A"]
 
 
+@pytest.mark.slow
 def test_the_hidden_friction_is_named_with_its_size(sticky):
     assert [f.cause for f in sticky.findings] == ["viscous_friction"]
     for value in sticky.findings[0].parameters.values():
@@ -48,12 +50,14 @@ def test_the_hidden_friction_is_named_with_its_size(sticky):
     assert sticky.extended.nll_per_sample < sticky.baseline.nll_per_sample
 
 
+@pytest.mark.slow
 def test_the_extended_rig_carries_what_was_found(sticky):
     model = sticky.extended_rig.model
     assert model["viscous_positive"] == pytest.approx(1e-7, rel=0.1)
     assert "viscous_positive" in model.effects
 
 
+@pytest.mark.slow
 def test_json_has_the_keys_of_the_contract(sticky):
     table = json.loads(json.dumps(to_json(sticky)))
     assert list(table) == [
@@ -75,6 +79,7 @@ def test_json_has_the_keys_of_the_contract(sticky):
     assert set(finding["gain"]) == {"heldout_nll_drop_per_sample", "heldout_rmse_ratio"}
 
 
+@pytest.mark.slow
 def test_json_tells_which_equation_the_data_want_to_free(sticky, control):
     rows = to_json(sticky)["freed"]
     assert rows[0]["verdict"] == "first" and rows[0]["gain"] > rows[-1]["gain"] >= 0.0
@@ -82,6 +87,7 @@ def test_json_tells_which_equation_the_data_want_to_free(sticky, control):
     assert {row["verdict"] for row in to_json(control)["freed"]} == {"no"}
 
 
+@pytest.mark.slow
 def test_every_cause_says_what_could_have_been_seen(control):
     assert control.detectable["contact_exponent"] is None
     assert 0.0 < control.detectable["viscous_friction"]["viscous_positive"] < 1e-7
@@ -98,6 +104,7 @@ def test_a_log_without_the_force_of_its_rig_is_refused():
         improve([campaign()], replace(RIG, drive="force"))
 
 
+@pytest.mark.slow
 def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
     assert freed_sentence(control).startswith("None")
     first = replace(sticky.freed[0], equation="servo", verdict="first", alike="")
@@ -107,6 +114,7 @@ def test_the_wish_names_what_it_cannot_be_told_from(control, sticky):
     assert "cannot tell it from the current sensor" in likeness(replace(sticky, freed=(first, close)))
 
 
+@pytest.mark.slow
 def test_the_report_tells_the_gain_of_diagnosis(sticky):
     nothing = DiagnosisGain(1, 8, 9, 16, {"overload": float("nan"), "coupling_loss": 0.02})
     better = DiagnosisGain(0, 8, 16, 16, {"overload": 0.04, "coupling_loss": 0.004})

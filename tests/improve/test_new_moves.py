@@ -111,9 +111,9 @@ def test_one_alarm_more_is_chance(alarms: tuple[int, int, int], best: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7411, 7413])
-@pytest.mark.first(1)
 def test_a_misfit_without_a_name_is_never_passed_over(seed: int) -> None:
     found = improved(seed, "km_saturation", 20.0)
     assert found.findings or found.unexplained

@@ -58,6 +58,7 @@ def test_the_low_stop_is_the_mirror_of_the_high_one(pressed):
     assert one.stop_low == pytest.approx(-other.stop_high)
 
 
+@pytest.mark.slow
 def test_backlash_and_a_lagging_sensor_are_neither_a_stop_nor_a_loss():
     for cause, values in (("backlash", 1.5e-4), ("backlash", 4e-4), ("position_lag", 0.04)):
         made = hidden.sized_effect(cause, 1.0, np.random.default_rng(1))

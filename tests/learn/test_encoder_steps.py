@@ -10,6 +10,7 @@ from observer_fi.learn.servo.servo_start import with_start
 from pipelines import rigs_study
 
 
+@pytest.mark.slow
 def test_between_steps_the_angle_is_that_of_the_motor_and_never_half_a_step_off() -> None:
     actuator = hidden.draw_actuator(400012, "position_servo")
     rig = rigs_study._from_sheet(actuator)

@@ -66,6 +66,7 @@ def test_residuals_of_the_right_model_are_the_noise(fitted):
     assert fitted.rmse["position_m"] == pytest.approx(1e-5, rel=0.03)
 
 
+@pytest.mark.slow
 def test_contact_and_coupling_loss_from_their_logs(rig):
     near = replace(rig, stop_low_m=-4.5e-4, stop_high_m=5.5e-4)
     pressed = log_of(hidden.contact_campaign(), near, 2)
@@ -239,6 +240,7 @@ def rich(rig) -> Log:
     return replace(log, w_cmd=np.zeros_like(log.w_cmd))
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("drive", ["voltage", "current"])
 def test_no_servo_gains_are_needed(rig, rich, drive):
     fit = identify([rich], replace(PAPER, drive=drive))

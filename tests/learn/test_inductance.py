@@ -27,6 +27,7 @@ def fitted(
     return actuator, rig, identify([with_command(log_from_frame(frame), rig)], rig)
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_fed_forward_has_no_winding_of_seconds() -> None:
     """Its error makes no command: the campaign was one rest, which told a mean of 5614 voltages and 28 mH; `identify` failed."""
     actuator = hidden.draw_actuator(660_101, "position_servo")

@@ -177,6 +177,7 @@ def test_wrong_rig_or_log_is_one_line():
 # --- forward ---
 
 
+@pytest.mark.slow
 def test_observer_gains_from_the_right_model():
     one = log(Truth(DRAG, 210.0, noise=2e-8), 8.0)
     motion = prepare_motion(one)

@@ -89,6 +89,7 @@ def late_current(seed: int, late_s: float, zero: tuple[float, float] = (0.0, 0.0
 
 
 # Of multiples of the servo's tick: a current that it holds is as late as the tick in which it was set.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed, late_s, zero", [(7, 1.25e-4, (0.0, 0.0)), (8, 5e-4, (0.0, 0.0)), (9, 2.5e-4, (0.03, -2e-3))]
 )

@@ -18,6 +18,7 @@ def off(frame: pd.DataFrame, truth: hidden.Rig) -> float:
     return max(abs(model[name] / getattr(truth, name) - 1.0) for name in CONSTANTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "column", "samples", "centred"),
     [(78_000, "current_a", 16, False), (78_001, "voltage_v", 9, True)],

@@ -20,6 +20,7 @@ def learnt_from(seed: int, drive: str) -> tuple[hidden.Actuator, Rig, Log]:
     return actuator, rig, rigs_study._read(frame, rig)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [61009, 61013])
 def test_the_loop_of_a_position_servo_is_found_with_its_gains(seed: int) -> None:
     actuator, rig, log = learnt_from(seed, "position_servo")
@@ -29,6 +30,7 @@ def test_the_loop_of_a_position_servo_is_found_with_its_gains(seed: int) -> None
         assert found[name] == pytest.approx(getattr(actuator.rig, name), rel=0.05), name
 
 
+@pytest.mark.slow
 def test_a_speed_that_is_fed_forward_is_no_proportional_loop() -> None:
     """A loop whose speed and torque are fed forward has no error to speak of: what was found of Kx was hundreds of times it."""
     actuator, rig, _ = learnt_from(61009, "position_servo")
@@ -40,6 +42,7 @@ def test_a_speed_that_is_fed_forward_is_no_proportional_loop() -> None:
     assert rig.law is not None  # of a data sheet: nobody knows yet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [70006])
 def test_the_gains_of_a_stiff_speed_servo_are_found_with_a_motor_constant_that_is_off(seed: int) -> None:
     """A thousandth of Km outgrows the integral of the error within a move: Ki came out as nothing."""
@@ -76,6 +79,7 @@ def test_a_log_of_a_hundred_samples_a_second_says_what_lies_between_them() -> No
     assert found["Rm"].high - found["Rm"].low < 0.25 * actuator.rig.Rm
 
 
+@pytest.mark.slow
 def test_a_short_ramp_over_two_samples_of_a_slow_log_is_no_softer_one() -> None:
     """One of ten ramps began in one interval of 4 ms and ended in the next: J was 0.3 % off, seven standard errors."""
     actuator, rig, log = learnt_from(410012, "pi_servo")

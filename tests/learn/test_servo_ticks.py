@@ -35,6 +35,7 @@ def off_by(log: Log, spec: hidden.TruthSpec) -> np.ndarray:
     return np.array([(found[n].value - getattr(spec.rig, n)) / found[n].std for n in CONSTANTS])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate_hz", "servo_hz"),
     [
@@ -55,6 +56,7 @@ def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: fl
         assert np.abs(off_by(log, spec)).max() < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["acceleration_limit", "backlash", "viscous_friction"])
 @pytest.mark.first(1)
 def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
@@ -64,6 +66,7 @@ def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
     assert ticks.rate_hz == pytest.approx(8000.0, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 1600.0, 4000.0])
 @pytest.mark.first(2)
 def test_a_log_whose_samples_are_as_old_as_each_other_stays_as_it_is(rate_hz: float) -> None:

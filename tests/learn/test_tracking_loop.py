@@ -56,6 +56,7 @@ WANDERS = pytest.mark.xfail(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drive", "seed"),
     [pytest.param(*case, marks=WANDERS) if case == ("voltage", 853003) else case for case in CASES],
@@ -66,6 +67,7 @@ def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
     assert rough < 1.5 and slow < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), CASES)
 @pytest.mark.first(2)
 def test_a_friction_that_is_missing_shows(drive: str, seed: int) -> None:
@@ -95,6 +97,7 @@ def test_an_inertia_of_another_machine_is_one_line() -> None:
         simulated_moves(one.logs, light)
 
 
+@pytest.mark.slow
 def test_a_loop_is_as_slow_as_the_position_is_noisy() -> None:
     """Ten times the noise of the position, and the Kalman gain's fourth root falls by its square root."""
     drive, seed = CASES[1]

@@ -20,6 +20,7 @@ def unknown_servo() -> Rig:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5, 6])
 @pytest.mark.first(1)
 def test_the_servo_is_found_from_far_away(seed: int) -> None:

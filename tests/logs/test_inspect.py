@@ -524,6 +524,7 @@ TABLES = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(text=st.one_of(TEXTS, TABLES))
 def test_no_table_makes_inspect_fail(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -93,6 +93,7 @@ def test_an_mdf_file_has_its_time_as_time_s(name: str, version: str, tmp_path: P
     assert any(line.startswith("start: ") for line in log.metadata)
 
 
+@pytest.mark.slow
 def test_of_several_groups_the_one_with_the_channels_is_read_and_told(tmp_path: Path) -> None:
     slow = {"time_s": np.arange(10.0), "temperature": np.linspace(20.0, 30.0, 10)}
     path = write_mdf(tmp_path / "run.mf4", slow, CHANNELS)

@@ -59,17 +59,20 @@ def called(tmp_path: Path) -> Called:
     return words
 
 
+@pytest.mark.slow
 def test_a_kept_kernel_gives_the_same_and_imports_no_compiler(called: Called) -> None:
     first, again = (called("inner", "repr(float(kernels.inner(a)))") for _ in range(2))
     assert first[1:] == ["True", "0"]
     assert again == [first[0], "False", "1"]
 
 
+@pytest.mark.slow
 def test_a_kernel_is_made_with_a_kept_one_in_it(called: Called) -> None:
     (alone, _, _), (both, _, kept) = called("inner", "kernels.inner(a)"), called("inner", "kernels.outer(a)")
     assert (float(both), kept) == (float(alone), "1")
 
 
+@pytest.mark.slow
 def test_one_that_allocates_has_numbas_runtime(called: Called) -> None:
     first, again = (called("allocating", "kernels.allocating(a).sum()") for _ in range(2))
     assert (again[0], first[-1], again[-1]) == (first[0], "0", "1")

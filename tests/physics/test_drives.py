@@ -127,6 +127,7 @@ def test_the_simulated_loop_does_not_depend_on_the_sampling() -> None:
     assert (off < TABLE_1.noise_std).all(), off
 
 
+@pytest.mark.slow
 def test_the_command_is_made_from_the_columns(tmp_path: Path) -> None:
     """From a file as from memory; a column that the loop needs and the log has not is named."""
     log, _ = synthesise(Scenario(fault=Fault("coupling_loss", 1.0), seed=2), LOOP)

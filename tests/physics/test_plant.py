@@ -28,6 +28,7 @@ def run(rule, m: plant.Motion, p: np.ndarray, w_cmd: float, seconds: float, step
     return m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effects",
     [{}, {"current_lag": 2e-3}, {"current_lag": 2e-3, "lag_behind_limit": 1.0}, {"integrator_limit": 0.5}],
@@ -56,6 +57,7 @@ def test_friction_holds_what_it_can_and_no_more(rule) -> None:  # type: ignore[n
     assert rests == 0.0 and m.w > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", [plant.runge_kutta, plant.midpoint])
 def test_a_step_is_cut_where_the_motor_stops(rule) -> None:  # type: ignore[no-untyped-def]
     """Braked by friction alone (no servo): w = w0 - A t / J, then rest; the angle is that of a straight line in between."""

@@ -147,6 +147,7 @@ def told(recorded_data, tmp_path_factory) -> tuple[Path, improve_emps.Learned]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_extended_model_beats_every_published_one_by_a_fifth(logs, told):
     learn, pulses = (prepare_motion(log) for log in logs)
     training = (learn, pulses.between(-np.inf, improve_emps.HALF_S - improve_emps.GUARD_S))
@@ -178,6 +179,7 @@ def test_the_judged_half_is_never_learned_from(logs):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_report_and_packaged_rig_agree(told):
     report, _ = told
     result = json.loads((report / "improve.json").read_text(encoding="utf-8"))
@@ -190,5 +192,6 @@ def test_report_and_packaged_rig_agree(told):
     assert "saturates above" in text
 
 
+@pytest.mark.slow
 def test_nothing_more_is_named_from_the_extended_rig(logs):
     assert not name_causes(calculated_force(logs[:1], load_rig("emps_extended"))).steps

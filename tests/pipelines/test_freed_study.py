@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from pipelines import freed_study
 from pipelines.freed_study_cases import FreedCase, among_the_close, declared, right, summary
 
@@ -27,6 +29,7 @@ def test_summary_counts_controls_and_cases():
     assert "| 3 x | position_lag | sensor:position | 2 | 2 | 1 | 1 | 1 | torque |" in text
 
 
+@pytest.mark.slow
 def test_the_recipe_writes_its_table_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     given = ["--causes", "position_lag", "--sizes", "3:1", "--first", "9000"]
     given += ["--results", str(tmp_path / "rows.jsonl"), "--out", str(tmp_path / "freed.md")]

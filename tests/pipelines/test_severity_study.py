@@ -62,6 +62,7 @@ def test_friction_that_rose_at_rest_is_worth_what_no_healthy_rig_has() -> None:
     assert worth(on_a_slope, SPREAD) < 2.0
 
 
+@pytest.mark.slow
 def test_a_jam_as_the_motion_begins_is_a_rig_that_rubs_more() -> None:
     spec = replace(drawn(Job("jam", 3)), rig=hidden.TABLE_1)
     start = spec.profile.moves[0].start_s
@@ -80,6 +81,7 @@ def test_the_recipe_writes_a_row_a_move_and_its_table(tmp_path: Path) -> None:
     assert "| jam | 1 | 1 | 100% |" in out.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed", "much"), [("jam", 210001, True), ("in_a_start", 210010, False)])
 def test_what_the_filters_of_the_bank_gain_by_the_true_fault(kind: str, seed: int, much: bool) -> None:
     """In a start they still learn the friction that rises, which truths that know every constant tell apart."""

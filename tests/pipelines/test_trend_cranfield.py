@@ -21,6 +21,7 @@ def healthy(normal):
     return [c for c in normal if c.run in BASELINE], [c for c in normal if c.run in RATE_RUNS]
 
 
+@pytest.mark.slow
 def test_dry_cycles_are_flagged_for_their_friction_and_healthy_ones_are_not(healthy):
     base, others = healthy
     dry = [c for c in cycles_of(DATA / "lack_lubrication1.csv.gz") if c.load != -40 and c.run <= 2]
@@ -33,6 +34,7 @@ def test_dry_cycles_are_flagged_for_their_friction_and_healthy_ones_are_not(heal
     assert share(judged(others, base, others, 0.01).logs) <= 0.05
 
 
+@pytest.mark.slow
 def test_a_load_that_the_baseline_never_had_is_not_tested(healthy):
     base, _ = healthy
     pulling = [c for c in base if c.load == -40][:5]
@@ -42,6 +44,7 @@ def test_a_load_that_the_baseline_never_had_is_not_tested(healthy):
     assert share(found.logs) == 0.0
 
 
+@pytest.mark.slow
 def test_runs_pool_their_cycles(healthy):
     base, _ = healthy
     runs = by_runs(base)

@@ -5,6 +5,7 @@ from typing import Any
 
 import hidden
 import pandas as pd
+import pytest
 
 from observer_fi.physics import load_rig
 from pipelines import workflow_study
@@ -42,6 +43,7 @@ def test_a_hidden_cause_is_right_in_the_first_set() -> None:
     assert not missed["right"] and not missed["confident"]
 
 
+@pytest.mark.slow
 def test_three_new_moves_of_the_rig_of_the_campaign_are_judged_through_its_logger() -> None:
     truth = hidden.draw_effects_case(402000, (), 0.0).rig
     rows = list(workflow_study._moves(Job("steps_all", 402000, "backlash"), truth, "rig file", load_rig()))

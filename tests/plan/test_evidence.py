@@ -32,6 +32,7 @@ def rivals():
     return rivals_of(checked(parse("viscous_friction,torque_offset:torque_offset=3e-6")), RIG, LIMITS)
 
 
+@pytest.mark.slow
 def test_the_linear_look_is_what_a_fit_leaves(rivals):
     blocks = campaign(LIMITS) * 2
     exact = weigh(*whole(blocks, RIG, LIMITS), rivals, blocks[:1], [10.0])
@@ -43,6 +44,7 @@ def test_the_linear_look_is_what_a_fit_leaves(rivals):
     assert pair.left(np.ones(1)) == pytest.approx(left, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_profile_says_what_its_blocks_say(rivals):
     """What adds up of blocks simulated once is what the whole profile says, but for its first move."""
     blocks = [b for b in family(LIMITS) if b.words.startswith("from rest to 207")][:1] + list(
@@ -55,6 +57,7 @@ def test_a_profile_says_what_its_blocks_say(rivals):
     assert apart.value(np.array([3.0, 3.0])) == pytest.approx(together.value(np.ones(1)), rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_truth_fits_itself(rivals):
     experiment, owner = whole(campaign(LIMITS), RIG, LIMITS)
     for rival in rivals:

@@ -35,12 +35,14 @@ def play():
     return plan_causes(asked, RIG, limits_of(RIG, 8.0, travel=(-1e-4, 4e-4)))
 
 
+@pytest.mark.slow
 def test_the_planned_moves_decide_where_the_usual_ones_do_not(play):
     assert play.before.log_odds < play.planned.log_odds
     assert play.decides and min(c.log_odds for c in play.confirmed) > DECISIVE
     assert {c.truth for c in play.confirmed} == {"backlash", "position_lag"}
 
 
+@pytest.mark.slow
 def test_the_command_keeps_every_limit(play):
     table = pd.read_csv(io.StringIO(moves_csv(play)))
     t, w = table["time_s"].to_numpy(), table["speed_cmd_rad_s"].to_numpy()
@@ -51,6 +53,7 @@ def test_the_command_keeps_every_limit(play):
     assert x.min() > -1e-4 and x.max() < 4e-4
 
 
+@pytest.mark.slow
 def test_a_plan_is_json_without_what_json_has_not(play):
     result = json.loads(json.dumps(to_json(play), allow_nan=False))
     assert result["schema"] == "observer-fi/plan/1"
@@ -82,6 +85,7 @@ def test_where_the_time_binds_the_plan_says_so():
     assert not plan.decides and "the time binds" in plan.why
 
 
+@pytest.mark.slow
 def test_a_lost_coupling_and_a_frozen_sensor_are_told_at_the_blind_pitch_by_going_both_ways():
     plan = plan_faults("coupling_loss,sensor_fault:position", RIG, limits_of(RIG, 3.0, (-5.2,)))
     assert plan.decides
@@ -89,6 +93,7 @@ def test_a_lost_coupling_and_a_frozen_sensor_are_told_at_the_blind_pitch_by_goin
     assert speeds == {1.0, -1.0}
 
 
+@pytest.mark.slow
 def test_constants_that_need_a_pitch_get_one():
     plan = plan_constants(("B",), RIG, limits_of(RIG, 4.0, (0.0, 8.0)))
     before, planned, _ = plan.std["B"]
@@ -149,6 +154,7 @@ def test_the_command_writes_moves_and_json(tmp_path, capsys):
     assert {p.name for p in (tmp_path / "plan").iterdir()} >= {"moves.csv", "plan.json", "plan.html"}
 
 
+@pytest.mark.slow
 def test_the_truth_plays_a_plan_at_its_pitches(play):
     blocks = tuple(replace(b, pitch=p) for b, p in zip(play.planned.blocks[:2], (0.0, 5.0), strict=True))
     text = moves_csv(play, replace(play.planned, blocks=blocks))
@@ -171,8 +177,8 @@ def test_an_independent_truth_is_told_by_the_planned_moves():
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("pair", PAIRS[1::4], ids=lambda pair: " or ".join(pair.causes))
-@pytest.mark.first(1)
 def test_pairs_of_the_study_are_told_or_said_not_to_be(pair):
     row = run_pair(pair, 7200)
     assert decided(row["after"]) or not row["decides"]

@@ -39,17 +39,20 @@ def said(log: Log, cause: str, sizes: dict[str, float], *rivals: str, most_s: fl
     return with_moves(cast(Improvement, record), [log], most_s).findings[0].separate_by
 
 
+@pytest.mark.slow
 def test_a_move_that_decides_is_told_with_its_length_and_its_odds(log: Log) -> None:
     told = said(log, "backlash", {"backlash": 2e-5}, "position_lag")
     assert "rad/s" in told and " deg, " in told and "to 1 are expected (backlash or position lag)" in told
 
 
+@pytest.mark.slow
 def test_causes_that_move_the_readings_alike_are_told_apart_by_no_move(log: Log) -> None:
     told = said(log, "torque_offset", {"torque_offset": 2e-5}, "asymmetric_friction", "pitch_offset")
     assert told.startswith("no move tells torque offset from asymmetric friction or pitch offset")
     assert "inclinometer" in told and "odds" not in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "rivals"),
     [("backlash", ()), ("contact_damping", ("contact_exponent",)), ("gear_ripple", ("gear_ripple",))],
@@ -61,5 +64,6 @@ def test_the_table_speaks_where_the_planner_has_nothing_to_say(
     assert said(log, cause, {}, *rivals) == FIXED
 
 
+@pytest.mark.slow
 def test_the_table_speaks_where_the_time_is_over(log: Log) -> None:
     assert said(log, "backlash", {"backlash": 2e-5}, "position_lag", most_s=-1.0) == FIXED

@@ -193,6 +193,7 @@ def drag(page: Any, chart: int, begin: float, end: float) -> None:
     settled(page)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_page_opens_without_errors_and_without_a_network(opened: Any, kind: str) -> None:
     page, errors = opened(kind)
@@ -230,6 +231,7 @@ def test_a_phone_shows_it_without_overflow_in_letters_that_can_be_read(
     assert light == (scheme == "light")
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", ["light", DARK])
 def test_axe_finds_nothing_serious(opened: Any, kind: str, scheme: str) -> None:

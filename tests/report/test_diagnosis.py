@@ -223,6 +223,7 @@ def test_the_page_opens_with_the_verdict_and_needs_no_network(outcome: Outcome) 
         assert words in text
 
 
+@pytest.mark.slow
 def test_the_same_inputs_give_the_same_bytes() -> None:
     assert report.files(diagnosed("overload"), RIG) == report.files(diagnosed("overload"), RIG)
 

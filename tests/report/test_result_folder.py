@@ -266,6 +266,7 @@ def test_processes_that_write_at_once_share_the_names(tmp_path: Path) -> None:
     assert sorted(tree(tmp_path / "out").values()) == ["one/a.csv", "two/a.csv"]
 
 
+@pytest.mark.slow
 def test_kills_at_random_moments_of_writing() -> None:
     counts, broken = kill_commands.run(25, ["write"], seed=1)
     assert broken == [] and counts["write", "killed"] == 25

@@ -59,6 +59,7 @@ def test_a_model_has_the_colour_of_its_fault() -> None:
     assert [float(line.get_ydata()[0]) for line in lines[:3]] == [1.0, 2.0, 3.0]  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_an_outcome_is_drawn_with_the_probabilities_of_its_verdict() -> None:
     outcome = diagnose(DATA / "overload_steady.csv.gz", load_rig(), Settings())
     figure = figures.of_diagnosis(outcome)["verdict"]
@@ -82,6 +83,7 @@ def test_a_verdict_of_the_whole_move_stands_in_the_still_figure_too() -> None:
     assert len(last) == 1 and np.nanmax(last[0].get_ydata()) == event.probability
 
 
+@pytest.mark.slow
 def test_diagnose_starts_without_matplotlib(tmp_path: Path) -> None:
     script = (
         "import sys; from observer_fi.cli import main; code = main(sys.argv[1:]); "
@@ -98,6 +100,7 @@ def test_every_kind_of_file_has_the_same_bytes_again(kind: str, begins: bytes) -
     assert first == again and first[f"a.{kind}"].startswith(begins)
 
 
+@pytest.mark.slow
 def test_figures_are_written_beside_the_page_and_taken_back(tmp_path: Path) -> None:
     log = str(DATA / "coupling_loss_steady.csv.gz")
     folder = tmp_path / "coupling_loss_steady"

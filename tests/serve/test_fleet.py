@@ -118,6 +118,7 @@ def test_fleet_takes_every_file_that_diagnose_takes(tmp_path: Path) -> None:
     assert set(fleet.find_logs(job)) == {f"log{suffix}" for suffix in SUFFIXES}
 
 
+@pytest.mark.slow
 def test_only_what_changed_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_logs(tmp_path / "logs", 3, 2)
     job = make_job(tmp_path)
@@ -383,6 +384,7 @@ def test_many_logs_ten_of_them_broken(whole: int, tmp_path: Path, cluster: tuple
     run_and_kill(make_job(tmp_path), whole, 10, *cluster)
 
 
+@pytest.mark.slow
 def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tuple[str, Processes]) -> None:
     make_logs(tmp_path / "logs", 2, 0)
     job = make_job(tmp_path)
@@ -398,6 +400,7 @@ def test_a_log_that_no_worker_can_do_is_tried_again(tmp_path: Path, cluster: tup
     assert list(fleet.split(job, names)[1]) == ["rig0/move000.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "gone", ["scheduler", pytest.param("workers", marks=[pytest.mark.slow, pytest.mark.study])]
 )  # waits a minute
@@ -489,6 +492,7 @@ def test_a_row_that_went_with_its_worker_is_waited_for(monkeypatch: pytest.Monke
     assert [row for _, row in found] == ["row", "row"] and found[-1][0] is lost
 
 
+@pytest.mark.slow
 def test_rows_that_wait_on_a_worker_that_dies_are_made_again(cluster: tuple[str, Processes]) -> None:
     """Rows are asked for one by one, and a quick fleet has most of them ready by then."""
     address, workers = cluster
@@ -530,6 +534,7 @@ def cluster_scheduler(address: str) -> int:
     raise AssertionError(f"nobody listens on {address}")
 
 
+@pytest.mark.slow
 def test_command_on_local_workers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make_logs(tmp_path / "logs", 2, 1)
     arguments = ["fleet", str(tmp_path / "logs"), "--out", str(tmp_path / "out"), "--workers", "1"]

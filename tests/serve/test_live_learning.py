@@ -113,6 +113,7 @@ def test_an_ideal_stream_is_what_it_was(kind: str, monkeypatch: pytest.MonkeyPat
     assert len(made) == 1 and live.as_logged is None and live.lesson is None
 
 
+@pytest.mark.slow
 def test_what_a_move_said_before_the_start_was_known_is_not_counted_twice() -> None:
     live, _ = streamed(through("voltage_late", "overload", 7612))
     assert (live.moves, live.samples) == (1, through("voltage_late", "overload", 7612).t.size)
@@ -184,6 +185,7 @@ def behind_a_filter(label: str) -> Log:
     return replace(log, z=z)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["nominal", "coupling_loss"])
 @pytest.mark.first(1)
 def test_a_filter_before_the_current_is_no_fault(label: str) -> None:
@@ -193,6 +195,7 @@ def test_a_filter_before_the_current_is_no_fault(label: str) -> None:
     assert {what for _, what in told} == {"nominal", label}
 
 
+@pytest.mark.slow
 def test_a_stream_that_ends_in_its_first_start_says_what_it_knows() -> None:
     log = behind_a_filter("nominal")
     start = float(log.t[np.flatnonzero(log.w_cmd)[0]])
@@ -223,6 +226,7 @@ def test_a_move_without_end_is_not_kept() -> None:
     assert len(stop.table) < MOVE_ROWS + 5001 and not stop.complete
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [64, 4096])
 @pytest.mark.first(1)
 def test_a_stream_with_two_zero_offsets_stays_healthy(batch: int) -> None:
@@ -296,6 +300,7 @@ def test_a_healthy_reversal_without_a_pitch_is_healthy(seed: int) -> None:
     assert not [e for _, e in told if e.label in ("unknown", "jam") and e.probability > 0.95]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", pytest.param("coupling_loss", marks=pytest.mark.slow)])
 def test_a_fault_is_told_without_a_pitch_or_not_for_sure_another(label: str) -> None:
     verdict, _ = told_without_pitch(99_760_102, label, "without_rests")

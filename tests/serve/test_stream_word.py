@@ -72,6 +72,7 @@ def test_a_healthy_stream_is_asked_nothing() -> None:
     assert [label for _, label in streamed(hidden.NO_FAULT, 64)[1]] == ["nominal"]
 
 
+@pytest.mark.slow
 def test_a_fault_long_before_the_end_of_its_move_is_asked_about_while_it_is_remembered() -> None:
     long = hidden.single_move(speed=205.0, hold_s=14.0, pitch_deg=4.0)
     live, told = streamed(hidden.Fault("coupling_loss", 1.7, duration_s=0.3), 256, long)
@@ -85,6 +86,7 @@ def test_a_slip_is_told_from_a_sensor_by_the_rest_after_the_move() -> None:
     assert live.verdict().probability > 0.95 and not live.verdict().alike
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(("seed", "kind"), [(92007, "coupling_for_a_while"), (92010, "slip_growing")])
 def test_what_the_bank_forgot_as_the_move_ended_is_no_all_clear(seed: int, kind: str) -> None:
     """One lost its name and was healthy again before the answer came, one was an overload for 40 ms before the stop."""

@@ -174,6 +174,7 @@ def test_other_filters_stream_too(filter_kind: str, engine: str) -> None:
     assert np.allclose(parts[-1].probability[-1], expected, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_output_does_not_depend_on_how_the_bytes_come() -> None:
     data = csv_bytes(sample_log())
     options = Options(RIG, SETTINGS, every=50)
@@ -196,6 +197,7 @@ ODD_LINES = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 5, 8])
 @pytest.mark.first(3)
 def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,6 +223,7 @@ def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.Monke
     assert fed(pieces, options) == at_once
 
 
+@pytest.mark.slow
 def test_blocks_of_lines_go_through_a_column_map(monkeypatch: pytest.MonkeyPatch) -> None:
     """Units, limits, a column of text, no pitch, the first lines left out, and a number that stands for no value."""
     log = sample_log()
@@ -256,6 +259,7 @@ def test_a_number_that_stands_for_no_value_is_none() -> None:
     assert found == fed(["".join(empty).encode()], Options(RIG, SETTINGS, every=9))[0]
 
 
+@pytest.mark.slow
 def test_verdicts_change_at_the_same_sample_whatever_the_batches() -> None:
     """One estimate, cut in many ways: readings that come and go, so that verdicts do too."""
     rng = np.random.default_rng(5)
@@ -441,6 +445,7 @@ def test_eighty_moves_leave_no_object_behind() -> None:
     assert flow.live.moves == 80 and flow.live.samples == 40 * len(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocked", ["stdout", "stderr"])
 def test_a_signal_ends_it_while_nobody_reads_what_it_writes(blocked: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
@@ -545,6 +550,7 @@ def test_samples_without_a_time_are_placed_or_counted(where: str) -> None:
     assert where != "all" or found[-1]["samples"] == 0
 
 
+@pytest.mark.slow
 def test_times_that_no_clock_has_are_no_times(recwarn: pytest.WarningsRecorder) -> None:
     header, *lines = csv_lines(sample_log("none"))[1:]
     lines[500:500] = ["1e308,0,0,0,0,0\n", "-1e16,0,0,0,0,0\n", "inf,0,0,0,0,0\n"]
@@ -666,6 +672,7 @@ def next_line(process: subprocess.Popen[str], wanted: str) -> dict:
         timer.cancel()
 
 
+@pytest.mark.slow
 def test_standard_input_stall_heartbeat_and_signal() -> None:
     lines = csv_lines(sample_log())
     process = start_watch("--heartbeat", "0.1", stdin=subprocess.PIPE)
@@ -690,6 +697,7 @@ def test_standard_input_stall_heartbeat_and_signal() -> None:
         stream.close()
 
 
+@pytest.mark.slow
 def test_following_a_file_that_is_cut_and_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rig.csv"
     healthy, broken = csv_bytes(sample_log("none")), csv_bytes(sample_log("coupling_loss"))
@@ -717,6 +725,7 @@ def test_following_a_file_that_is_cut_and_replaced(tmp_path: Path) -> None:
     assert json.loads(out.splitlines()[-1])["event"] == "end"
 
 
+@pytest.mark.slow
 def test_command_line_errors_and_fail_on_fault() -> None:
     process = start_watch(stdin=subprocess.PIPE)
     _, err = process.communicate("1,2,3\n", timeout=60)

@@ -18,6 +18,7 @@ LINE: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_stream_in_words_says_what_the_json_says() -> None:
     import gzip
 

@@ -33,6 +33,7 @@ def test_play_is_as_wide_as_it_is(width):
     assert abs(found["backlash"] - width) < 6e-6
 
 
+@pytest.mark.slow
 def test_no_play_scatters_about_zero_as_little_as_its_reversal_tells():
     found = np.array([told(300.0, 2.0, seed)[0]["backlash"] for seed in range(109200, 109206)])
     assert found.min() < 0.0 < found.max()  # nothing is cut off
@@ -80,6 +81,7 @@ def test_gains_of_closed_forms_that_are_far_off_lead_no_fit_astray(monkeypatch, 
     assert found["misfit_current"] < np.log(5e-4)  # the noise is 3e-4 A
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("tau_s", [7e-4, 1.5e-3])
 def test_a_winding_of_the_rig_file_is_taken_out(tau_s):
     """An inductance that no equation has shows in the resistance or in the gains of the servo."""

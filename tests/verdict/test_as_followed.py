@@ -154,6 +154,7 @@ def test_a_command_that_is_followed_is_left_alone(seed: int) -> None:
     assert as_followed(log_from_frame(frame), RIG) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["bias", "gain", "drift", "frozen"])
 @pytest.mark.first(1)
 def test_a_voltage_that_fails_is_no_command_that_was_not_followed(kind: str) -> None:
@@ -163,6 +164,7 @@ def test_a_voltage_that_fails_is_no_command_that_was_not_followed(kind: str) -> 
     assert NOT_FOLLOWED not in outcome.warnings
 
 
+@pytest.mark.slow
 def test_a_current_that_drops_out_behind_held_readings_is_no_command_that_was_not_followed() -> None:
     """Held readings make another ramp of it; a command that is recovered from a current that failed is wrong from there on."""
     spec = draw_failing_case(5_930_003, "dropout", "current", 3.0)
@@ -175,6 +177,7 @@ def rounded_to(step: float, log: Log) -> Log:
     return replace(log, w_cmd=np.round(log.w_cmd / step) * step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "step"), [("uneven", 1.0472), ("s_curve", 5.0), ("sine", 20.0), ("uneven", 5.0)]
 )

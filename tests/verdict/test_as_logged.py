@@ -133,6 +133,7 @@ def test_what_noise_may_be_is_no_offset() -> None:
     assert electrical_offset(logged(np.nan, 0.01), RIG) == 0.0
 
 
+@pytest.mark.slow
 def test_offsets_through_a_logger_are_taken_out() -> None:
     """Those of voltage and current together: 30 mV and 2 mA within a quarter; apart where the motion tells them."""
     for seed in range(7601, 7607):
@@ -165,6 +166,7 @@ def test_lines_that_hold_through_a_campaign_are_taken_out(name: str) -> None:
     ).all()  # of one move nobody knows
 
 
+@pytest.mark.slow
 def test_lines_of_held_readings_stay_in_them() -> None:
     known = AsLogged(campaign("drive_400hz+hum_50hz", 8301), RIG, SETTINGS)
     assert known.lines is None
@@ -210,6 +212,7 @@ def test_a_jump_of_a_sensor_is_no_fast_current() -> None:
     assert fastest(held) == pytest.approx(np.sqrt(2.0) * fastest(ramp), rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "logger"), [("nominal", "ideal"), ("nominal", "drive_400hz"), ("jam", "ideal")]
 )

@@ -49,6 +49,7 @@ def test_no_fault_of_an_actuator_and_no_logger_does(trait: str, label: str) -> N
         assert told_of(frame, label).probability == 1.0, seed
 
 
+@pytest.mark.slow
 def test_a_voltage_that_drifts_from_the_first_sample_on_without_a_command_is_no_all_clear() -> None:
     frame, _ = make_log(draw_move_case(3_330_100, "nominal"), 3_330_100)
     drifting = frame.assign(**{V: frame[V] + 0.12 * frame["time_s"]}).drop(columns="speed_cmd_rad_s")

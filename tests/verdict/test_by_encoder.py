@@ -55,6 +55,7 @@ def then(case: Case, label: str, encoder: Array | None = None, **more: object) -
     return found.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["slip", "coupling_loss", "overload"])
 @pytest.mark.parametrize("gain", [1.2, 0.6])
 @pytest.mark.parametrize("seed", [872001, 872002])
@@ -76,6 +77,7 @@ def test_nor_is_it_a_voltage_that_lies_where_a_current_does(label: str, gain: fl
     assert (told.label, told.channel) == ("sensor_fault", "current")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])
 @pytest.mark.parametrize("seed", [872003, 872004])
 @pytest.mark.first(2)
@@ -92,6 +94,7 @@ def test_a_position_that_reads_more_is_no_liar_of_the_circuit() -> None:
     assert then(case, "sensor_fault", channel="position").channel == "position"
 
 
+@pytest.mark.slow
 def test_without_an_encoder_nothing_changes() -> None:
     case = Case(872006, "jam", "voltage", 1.2, encoder=False)
     outcome = said(case, "slip")

@@ -45,6 +45,7 @@ def test_a_burst_of_noise_behind_coarse_steps_is_no_all_clear(trait: str, channe
     assert said.probability <= SURE and "sensor_fault" in (said.label, *said.alike)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("channel", ["current", "voltage"])
 def test_a_loud_sensor_beside_a_servo_that_nobody_knows_is_not_the_other_one(channel: str) -> None:
     """A burst of the current was a failed voltage at 1.0, four of four."""

@@ -41,6 +41,7 @@ def verdict(outcome: Outcome) -> Event:
     return outcome.isolation.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "kind", "size"),
     [
@@ -76,6 +77,7 @@ def test_at_one_speed_circuit_and_sensor_look_the_same() -> None:
     assert shared >= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["open_circuit", "supply_off"])
 @pytest.mark.parametrize("onset_s", [None, pytest.param(0.0, marks=pytest.mark.slow)])
 @pytest.mark.first(1)
@@ -90,6 +92,7 @@ def test_a_motor_that_nothing_drives_is_said_to_be_dead(kind: str, onset_s: floa
         assert found.onset_s == pytest.approx(spec.fault.onset_s, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "kind"),
     [

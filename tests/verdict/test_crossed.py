@@ -60,6 +60,7 @@ def test_a_current_that_fails_in_a_log_which_begins_in_motion_has_no_offset(kind
     assert not [e.label for e in said if e.probability > 0.94 and not named(e, "sensor_fault")]
 
 
+@pytest.mark.slow
 def test_offsets_of_a_log_that_begins_in_motion_are_known() -> None:
     assert verdict(draw_severity_case(SEEDS[0], "nominal"), "mid_move+offsets", SEEDS[0]).label == "nominal"
 

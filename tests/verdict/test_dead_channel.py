@@ -44,6 +44,7 @@ def test_health_without_a_position_is_health_or_a_slip(seed: int) -> None:
     assert verdict.probability == verdict.posterior["slip"] == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [256001, 256007, 256010, 256014])
 @pytest.mark.first(1)
 def test_a_coupling_lost_in_a_start_without_a_position_is_no_all_clear(seed: int) -> None:

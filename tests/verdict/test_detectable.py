@@ -47,6 +47,7 @@ def with_fault(spec: hidden.TruthSpec, least: Detectable, begin_s: float, times:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", KINDS)
 @pytest.mark.parametrize("seed", [5301, 5302])
 @pytest.mark.first(4)
@@ -78,6 +79,7 @@ def test_a_short_slow_move_shows_less_than_a_long_fast_one() -> None:
     assert of(fast, "slip").value < 0.02 < of(slow, "slip").value
 
 
+@pytest.mark.slow
 def test_nothing_is_told_of_a_fault_or_where_nothing_was_tested() -> None:
     lost = hidden.TruthSpec(PLAIN, fault=hidden.Fault("coupling_loss", 1.0), start_integral_rad=0.02)
     assert judged(lost, 5304).could_show is None

@@ -121,6 +121,7 @@ def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
         assert two.onset_s == pytest.approx(one.onset_s, abs=1e-3)  # the window begins at another snapshot
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", FAULTS)
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.first(3)
@@ -138,6 +139,7 @@ def test_four_hundred_samples_a_second_say_the_same(label: str, seed: int) -> No
         assert two.onset_s == pytest.approx(one.onset_s, abs=0.02)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("engine", ["compiled", "filterpy"])
 def test_engines_end_in_the_same_verdict(engine: str) -> None:
     spec = TruthSpec(
@@ -189,6 +191,7 @@ def long_log() -> tuple[Log, dict]:
     return log_from_frame(frame), truth
 
 
+@pytest.mark.slow
 def test_every_move_of_a_campaign_has_its_verdict(long_log: tuple[Log, dict]) -> None:
     log, truth = long_log
     outcome = diagnose_log(log, RIG, SETTINGS)
@@ -223,6 +226,7 @@ def test_memory_does_not_grow_with_the_log(long_log: tuple[Log, dict]) -> None:
 # --- detection from outside ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_verdict_starts_where_detection_says(tmp_path: Path) -> None:
     frame, _ = make_log(TruthSpec(single_move(350.0, 1.6), fault=Fault("overload", 1.0)), 8)
     path = write_log(frame, tmp_path / "move.csv")
@@ -241,6 +245,7 @@ def test_a_false_alarm_from_outside_is_called_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_what_passes_does_not_condemn_the_move() -> None:
     """15 ms in which voltage and current contradict each other: whatever was thought of them, nominal comes back."""
     said = []
@@ -253,6 +258,7 @@ def test_what_passes_does_not_condemn_the_move() -> None:
     assert said.count("nominal") >= 3
 
 
+@pytest.mark.slow
 def test_a_wrong_unit_is_noted() -> None:
     """Current in mA under a header that says A: the verdict cannot say it as clearly as a note."""
     frame, _ = frame_of(3, "nominal")
@@ -262,6 +268,7 @@ def test_a_wrong_unit_is_noted() -> None:
     assert not diagnose_log(move(3, "nominal"), RIG, SETTINGS).log.notes
 
 
+@pytest.mark.slow
 def test_what_the_rig_file_has_fitted_once_is_asked_though_a_unit_is_suspected(
     long_log: tuple[Log, dict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -307,6 +314,7 @@ def test_faults_are_told_without_the_servos_gains(
 # --- what is drawn and said ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_is_drawn_shows_the_fault() -> None:
     frame, truth = frame_of(3, "overload")
     outcome = diagnose_log(log_from_frame(frame), RIG, SETTINGS)

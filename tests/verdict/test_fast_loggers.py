@@ -48,6 +48,7 @@ def said(outcome: Outcome, kind: str) -> tuple[bool, float]:
     return kind in (verdict.label, *verdict.alike), verdict.probability
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.first(2)
 def test_a_fast_logger_is_judged_as_well(kind: str) -> None:
@@ -66,6 +67,7 @@ def test_most_moves_are_right_through_any_fast_logger(rate_hz: float, trait: str
     assert all(right or probability <= 0.95 for right, probability in found)
 
 
+@pytest.mark.slow
 def test_a_lost_coupling_on_soft_ramps_is_no_dead_voltage() -> None:
     """At any rate the noise of a position that stands may be as fast behind the stop as before it."""
     spec = hidden.draw_severity_case(99_805_400, "coupling_loss", "soft_ramps")
@@ -78,6 +80,7 @@ def test_a_lost_coupling_on_soft_ramps_is_no_dead_voltage() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_log_and_its_logger_are_told_as_they_are(tmp_path) -> None:
     frame = logged("hum_50hz", 9600.0, "overload", 88_000_001)
     frame.to_csv(tmp_path / "fast.csv", index=False)

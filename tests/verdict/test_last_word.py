@@ -44,6 +44,7 @@ def size(event: Event, name: str) -> tuple[float, float, float]:
     return found.value, *found.interval
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.15, 0.5, 0.8])
 def test_a_slip_of_any_size_is_one_and_its_size_is_told(share: float) -> None:
     v = verdict(hidden.Fault("slip", 1.6, size=share))
@@ -52,6 +53,7 @@ def test_a_slip_of_any_size_is_one_and_its_size_is_told(share: float) -> None:
     assert size(v, "share_lost")[0] == pytest.approx(share, rel=0.05)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("stiffness", [17.0, 300.0, 1200.0])
 def test_an_obstacle_softer_or_harder_than_the_rig_file_is_an_overload(stiffness: float) -> None:
     v = verdict(hidden.Fault("overload", 1.4), replace(hidden.TABLE_1, C=stiffness, E=0.75))
@@ -66,6 +68,7 @@ def test_an_obstacle_softer_or_harder_than_the_rig_file_is_an_overload(stiffness
     assert size(v, "share_lost")[0] == pytest.approx(0.75, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_logger_whose_position_is_late_leaves_the_stiffness_of_an_obstacle_to_be_found() -> None:
     """The mean of 32 readings is 10 ms late; two of three such moves had no stiffness, and looked like a slip."""
     spec = hidden.draw_move_case(64115, "overload")
@@ -103,6 +106,7 @@ def test_friction_that_rises_is_a_jam(rise: float) -> None:
     assert size(v, "friction_rise")[0] == pytest.approx(rise, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_coupling_that_lets_go_for_a_while_is_told_with_its_begin_and_end() -> None:
     v = verdict(hidden.Fault("coupling_loss", 1.7, duration_s=0.3))
     assert v.label == "coupling_loss"
@@ -117,6 +121,7 @@ def test_what_is_left_after_a_coupling_loss_may_be_half_as_much() -> None:
     assert size(v, "inertia")[0] == pytest.approx(2.2e-7, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_mass_that_outruns_the_motor_is_a_position_sensor() -> None:
     v = verdict(hidden.Fault("sensor_fault", 1.5, "gain", "position", 1.15))
     assert (v.label, v.channel) == ("sensor_fault", "position")
@@ -185,6 +190,7 @@ def test_a_fault_that_is_there_from_the_start_has_its_name_and_size(
     assert size(v, name)[0] == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(("speed", "seed"), [(10.0, 5300), (12.0, 5301)])
 def test_the_ring_of_a_creeping_start_is_no_fault(speed: float, seed: int) -> None:
     """Entered there, any fault gains by a speed that is in doubt anew; it must go on to gain."""
@@ -193,6 +199,7 @@ def test_the_ring_of_a_creeping_start_is_no_fault(speed: float, seed: int) -> No
     assert found is not None and found.verdict.label == "nominal"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["slip", "jam", "coupling_loss"])
 @pytest.mark.first(1)
 def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
@@ -242,6 +249,7 @@ def test_friction_that_no_rig_has_from_the_first_sample_on_is_a_jam(factor: floa
         assert said.count("jam") >= 3 and set(said) <= {"jam", "unknown"}
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("kind", ["slip", "drift"])
 def test_the_rest_tells_a_slip_from_a_position_that_drifts(kind: str) -> None:
     """Against the motion, at the same speed in both; only the drift goes on when the motor stands."""
@@ -260,6 +268,7 @@ def test_the_rest_tells_a_slip_from_a_position_that_drifts(kind: str) -> None:
     assert verdict.probability < 0.95 or verdict.label == ("slip" if kind == "slip" else "sensor_fault")
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [10008, 10033, 10067])
 def test_a_coupling_lost_for_a_twentieth_of_a_second_has_its_name(seed: int) -> None:
     """Looks that go on behind its end find constants of no fault; the path is asked again from its own stretch."""
@@ -272,6 +281,7 @@ def test_a_coupling_lost_for_a_twentieth_of_a_second_has_its_name(seed: int) -> 
     assert found.verdict.over_s == pytest.approx(begin + spec.fault.duration_s, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "growth"), [(3, 0.5), (4, 0.7), (10024, 0.66)])
 @pytest.mark.first(1)
 def test_friction_that_more_than_doubles_within_a_second_is_a_jam(seed: int, growth: float) -> None:
@@ -279,6 +289,7 @@ def test_friction_that_more_than_doubles_within_a_second_is_a_jam(seed: int, gro
     assert v.label == "jam" and v.onset_s == pytest.approx(1.5, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "shape"), [(10051, "s_curve"), (10001, "soft_ramps"), (10000, "sine")])
 def test_a_soft_start_is_no_fault(seed: int, shape: str) -> None:
     """Friction lets go at a moment that nobody knows, and a curve has no corners: neither is an error that lasts."""
@@ -287,6 +298,7 @@ def test_a_soft_start_is_no_fault(seed: int, shape: str) -> None:
     assert found is not None and found.verdict.label == "nominal"
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [11004, 11009, 11011])
 def test_a_coupling_lost_in_a_long_ramp_down_is_no_position_sensor(seed: int) -> None:
     spec = hidden.draw_severity_case(seed, "coupling_loss", "s_curve")
@@ -295,6 +307,7 @@ def test_a_coupling_lost_in_a_long_ramp_down_is_no_position_sensor(seed: int) ->
     assert found.verdict.onset_s == pytest.approx(float(spec.fault.onset_s or 0.0), abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "slip", "jam"])
 @pytest.mark.first(1)
 def test_the_second_fault_of_a_move_is_told_behind_the_first(label: str) -> None:
@@ -354,6 +367,7 @@ def test_a_torque_that_comes_and_goes_has_no_name(seed: int) -> None:
     assert spec.fault.kind == "periodic_torque" and of(spec, seed).label == "unknown"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 @pytest.mark.first(1)
 def test_a_load_that_swings_has_no_name(seed: int) -> None:
@@ -376,6 +390,7 @@ def test_a_fault_too_small_to_say_so_is_no_all_clear(seed: int, kind: str, label
     assert healthy.label == "nominal" and healthy.alike == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.first(1)
 def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
@@ -393,12 +408,14 @@ def test_what_came_in_a_rest_has_its_name_in_the_next_move(seed: int, label: str
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == label
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["coupling_loss", "jam"])
 def test_one_fault_is_never_two(label: str) -> None:
     for seed in range(2):
         assert not verdict(hidden.Fault(label, 1.5, size=0.8), seed=seed).then
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [13001, 13004])
 def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     """On a slope nothing tells friction from gravity in one move: their sum is more than any rig has."""
@@ -411,6 +428,7 @@ def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     assert [e.label for e in found.events] == ["nominal", "jam"]
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("kind", ["in_a_rest", "at_a_reversal"])
 def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None:
     """Against the motion behind its begin, not the one before it, and after each of the reversals that follow."""
@@ -420,6 +438,7 @@ def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None
     assert v.label == "jam" and v.onset_s == pytest.approx(float(spec.fault.onset_s or 0.0), abs=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [83007, pytest.param(83015, marks=pytest.mark.slow)])
 def test_friction_that_creeps_up_by_a_few_percent_is_a_jam(seed: int) -> None:
     """Nominal follows it, and an obstacle without a loss of travel would fit it better than a jam that sets in at once."""
@@ -444,6 +463,7 @@ def test_a_fault_behind_healthy_motion_is_no_other_machine(seed: int, shape: str
     assert v.label == "coupling_loss"
 
 
+@pytest.mark.slow
 def test_the_start_of_a_soft_ramp_leaves_no_unknown_that_nominal_explains() -> None:
     assert of(hidden.draw_severity_case(83218, "nominal", "s_curve"), 83218).label == "nominal"
 
@@ -538,6 +558,7 @@ def test_a_sensor_that_reads_as_nominal_expects_has_not_failed(
     assert WholeMove.reads_as_usual(whole, path) is usual
 
 
+@pytest.mark.slow
 def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -> None:
     """A slip from the first sample on, which the bank called an overload five seconds later: it was a failed position surely."""
     spec = hidden.draw_placed_case(130058, "before_the_first_sample")
@@ -545,6 +566,7 @@ def test_a_fault_that_the_bank_names_late_is_looked_for_from_its_first_doubt() -
     assert v.label == spec.fault.label == "slip" and v.onset_s is not None and v.onset_s < 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "shape"), [(130022, "uneven")])
 def test_what_every_fault_gains_in_a_stop_is_none(seed: int, shape: str) -> None:
     """980 nats for a jam, a lost coupling and a load at will: the mass stuck later than nominal foresaw."""
@@ -559,6 +581,7 @@ def test_a_servo_that_does_not_ring_is_asked_about_its_stop_too() -> None:
         assert (0.0 < step_s < 0.1) if known else step_s == math.inf
 
 
+@pytest.mark.slow
 def test_a_coupling_that_gives_way_long_after_the_last_move_is_no_all_clear() -> None:
     """The servo goes on to hold, so that no drive was switched off; what the motor held is gone."""
     assert of(hidden.draw_severity_case(200006, "coupling_loss", "short"), 200006).label in (
@@ -567,6 +590,7 @@ def test_a_coupling_that_gives_way_long_after_the_last_move_is_no_all_clear() ->
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [200011, 210019])
 @pytest.mark.first(1)
 def test_a_mass_that_follows_in_part_and_then_not_at_all_is_a_stop_or_a_nut_and_no_sensor(seed: int) -> None:
@@ -575,16 +599,19 @@ def test_a_mass_that_follows_in_part_and_then_not_at_all_is_a_stop_or_a_nut_and_
     assert "overload" in (v.label, *v.alike) and "sensor_fault" not in (v.label, *v.alike)
 
 
+@pytest.mark.slow
 def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> None:
     v = of(hidden.draw_placed_case(210005, "in_a_start"), 210005)
     assert "jam" in (v.label, *v.alike)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [210024, pytest.param(215001, marks=pytest.mark.slow)])
 def test_what_happens_in_a_rest_has_the_name_that_the_next_move_gives_it(seed: int) -> None:
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == "coupling_loss"
 
 
+@pytest.mark.slow
 def test_of_a_lost_coupling_and_a_frozen_position_a_few_nats_of_many_do_not_decide_against_the_bank() -> None:
     """Behind a baseline that wanders the whole move likes the sensor by 7 nats of 560 000, and the bank the coupling."""
     frame, _ = hidden.make_log_with("wandering", hidden.draw_move_case(255002, "coupling_loss"), 255002)
@@ -628,6 +655,7 @@ def test_a_drive_that_goes_off_between_moves_is_no_fault_of_them(logger: str, se
     assert {event.label for event in outcome.isolation.events} == {"nominal"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "logger", "seed"),
     [
@@ -676,6 +704,7 @@ def test_an_obstacle_at_the_crest_of_a_sine_may_be_no_slip_for_sure(seed: int) -
     assert "overload" in (verdict.label, *verdict.alike) and verdict.probability < 0.95
 
 
+@pytest.mark.slow
 def test_a_fault_behind_a_reversal_that_is_not_explained_has_a_name_beside_unknown() -> None:
     """An offset of the current is friction that differs by direction: at every reversal nominal is off for a while."""
     seed = 99_770_334
@@ -684,6 +713,7 @@ def test_a_fault_behind_a_reversal_that_is_not_explained_has_a_name_beside_unkno
     assert told.label == "slip" and "unknown" in told.alike and told.probability <= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "jam", "coupling_loss"])
 @pytest.mark.first(1)
 def test_a_fault_beside_a_current_that_drifts_all_along_is_told_beside_unknown(label: str) -> None:

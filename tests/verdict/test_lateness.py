@@ -40,6 +40,7 @@ def through(name: str, seed: int) -> tuple[Lateness, np.ndarray]:
 # --- delays through loggers ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["current_late", "voltage_late"])
 @pytest.mark.first(1)
 def test_one_late_channel_is_measured(name: str) -> None:
@@ -52,6 +53,7 @@ def test_one_late_channel_is_measured(name: str) -> None:
     assert np.abs(errors).max() < 0.15 and abs(np.mean(errors)) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["current_late", "voltage_late", "voltage_late+hum_50hz", "hum_50hz"])
 @pytest.mark.first(1)
 def test_without_a_command_voltage_and_current_are_late_against_each_other(name: str) -> None:
@@ -67,6 +69,7 @@ def test_without_a_command_voltage_and_current_are_late_against_each_other(name:
     assert np.abs(errors).max() < 0.35 and abs(np.mean(errors)) < 0.15
 
 
+@pytest.mark.slow
 def test_the_first_stop_tells_where_the_log_begins_under_way() -> None:
     """There is no start; the stop of a healthy machine had been a voltage sensor that fails."""
     for seed in (7602, 7605):
@@ -92,6 +95,7 @@ def test_a_stop_that_is_not_there_tells_nothing() -> None:
         assert AsLogged(log.part(slice(0, last)), RIG, SETTINGS).late == NONE
 
 
+@pytest.mark.slow
 def test_a_low_pass_makes_all_channels_late_by_nearly_the_same() -> None:
     """By 0.6 samples, as a delay or, where the colour of the noise shows it, as a filter that is taken out."""
     found = []
@@ -127,6 +131,7 @@ def failing(fault: Fault, seed: int, after_s: float) -> Log:
 IN_THE_START = tuple(zip(SEEDS, (0.0, 0.02, 0.04, 0.08, 0.12, 0.2), strict=True))
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("label", ["overload", "coupling_loss"])
 def test_a_fault_of_the_actuator_in_the_start_makes_no_channel_late(label: str) -> None:
     """A coupling that is lost before the position has moved: see the next test."""
@@ -150,6 +155,7 @@ FAILING = [
 ONE, *MORE = FAILING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [ONE, *(pytest.param(fault, marks=pytest.mark.slow) for fault in MORE)],

@@ -68,6 +68,7 @@ def test_no_channel_of_an_ordinary_log_is_left_out() -> None:
     assert verdict.probability > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [{"Km": 0.8}, {"Rm": 2.0}, {"J": 3.0}])
 @pytest.mark.first(1)
 def test_a_rig_file_of_another_machine_is_not_a_channel_that_is_wrong(values: dict[str, float]) -> None:
@@ -76,6 +77,7 @@ def test_a_rig_file_of_another_machine_is_not_a_channel_that_is_wrong(values: di
     assert left_out(log, other, SETTINGS) is None
 
 
+@pytest.mark.slow
 def test_a_channel_that_fails_later_stays_a_failed_sensor() -> None:
     frame, _ = make_log(draw_move_case(3320000, "nominal"), 3320000)
     late = frame["time_s"] > frame["time_s"].iloc[-1] * 0.4
@@ -112,6 +114,7 @@ def test_neither_voltage_nor_current_tells_a_fault_alone(kind: str) -> None:
     assert told_alone(log, event, RIG, SETTINGS) == (), truth
 
 
+@pytest.mark.slow
 def test_a_current_that_stands_in_its_noise_is_no_jam() -> None:
     """It stood where the load was: what pitch and friction change from then on looks like a friction that rose by 2 %."""
     frame, _ = make_log(failing(51015, "frozen_noisy", "current", 0.0, 0.5935), 51015)

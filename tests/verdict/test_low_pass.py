@@ -58,6 +58,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels, hz, order, noisy", CASES)
 @pytest.mark.first(1)
 def test_the_filter_before_a_current_is_found(
@@ -137,6 +138,7 @@ def test_verdicts_are_right_behind_a_filter(
         assert verdict.label == label or label in verdict.alike, (7750 + k, verdict)
 
 
+@pytest.mark.slow
 def test_a_healthy_move_behind_a_filter_is_healthy_and_its_filter_told() -> None:
     outcome = diagnose_log(filtered(7741, "nominal", (1,), 30.0, 1), RIG, Settings())
     assert outcome.isolation.verdict.label == "nominal"
@@ -145,6 +147,7 @@ def test_a_healthy_move_behind_a_filter_is_healthy_and_its_filter_told() -> None
     assert any("current_a comes through a low-pass filter of" in line for line in outcome.warnings)
 
 
+@pytest.mark.slow
 def test_noise_and_steps_behind_a_filter_are_told_as_they_were_read() -> None:
     log = filtered(7742, "nominal", (1,), 30.0, 1, noisy=True)
     still = log.z[: int(np.flatnonzero(log.w_cmd)[0]), 1]
@@ -154,5 +157,6 @@ def test_noise_and_steps_behind_a_filter_are_told_as_they_were_read() -> None:
     assert known.acquisition.current.noise_std > 2.0 * known.told.current.noise_std
 
 
+@pytest.mark.slow
 def test_an_ideal_log_is_taken_as_it_is() -> None:
     assert AsLogged(signal(), RIG, SETTINGS).low_passes == NONE

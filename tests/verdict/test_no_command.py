@@ -53,6 +53,7 @@ def said(seed: int, label: str, share: float) -> Event:
     return diagnose_log(log_from_frame(soft(seed, label, share)), known(seed), Settings()).isolation.verdict
 
 
+@pytest.mark.slow
 def test_without_a_command_the_servo_is_one_that_nobody_knows() -> None:
     rig = known(97_700_006)
     log = log_from_frame(soft(97_700_006, "nominal", 0.25))
@@ -72,6 +73,7 @@ def test_the_servo_of_a_logged_command_is_asked() -> None:
 
 # Each was sure and wrong, four with the equation of their servo (a failed sensor, a jam), two without it: behind a rest of 20 ms
 # at the end, and where an obstacle had drawn the mass on.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "label", "share"),
     [
@@ -127,6 +129,7 @@ def test_the_ring_of_a_recovered_corner_is_no_obstacle_for_sure(seed: int) -> No
     assert verdict.label == "nominal" or verdict.probability <= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("also", ["", "+hum_50hz"])
 @pytest.mark.first(1)
 def test_a_voltage_that_is_late_makes_no_command_late(also: str) -> None:

@@ -83,6 +83,7 @@ def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
     assert outcomes[0].log.notes == outcomes[1].log.notes
 
 
+@pytest.mark.slow
 def test_a_friction_that_had_risen_is_no_all_clear() -> None:
     """In one direction a pitch looks the same."""
     spec = draw_severity_case(99_750_030, "nominal", "")
@@ -94,6 +95,7 @@ def test_a_friction_that_had_risen_is_no_all_clear() -> None:
     assert found is not None and not (found.verdict.label == "nominal" and found.verdict.probability > 0.95)
 
 
+@pytest.mark.slow
 def test_where_it_is_level_or_weighs_nothing_it_is_taken_as_0() -> None:
     frame, _ = without_pitch(99_750_001, "nominal", "without_rests")
     log = log_from_frame(frame)

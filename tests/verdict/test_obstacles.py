@@ -25,6 +25,7 @@ def verdict(seed: int, obstacle: Obstacle) -> tuple[Event, float]:
     return found.verdict, spec.fault.onset_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "share"), [(70215, 20.0), pytest.param(70102, 200.0, marks=pytest.mark.slow)]
 )
@@ -56,6 +57,7 @@ def test_obstacles_of_no_law_in_particular_are_overloads(seed: int, obstacle: Ob
     assert v.label == "overload" and v.probability > 0.95 and v.onset_s == pytest.approx(onset, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_spring_that_the_mass_follows_into_may_as_well_be_a_jam_that_grows() -> None:
     """At one speed a load that grows with the travel also grows with time; it was a jam with certainty."""
     v, _ = verdict(70203, Obstacle(20.0 * FRICTION, 1.0))

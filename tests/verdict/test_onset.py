@@ -36,6 +36,7 @@ def found(
     return at, posterior
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("label", "median_ms", "width_ms"), [("overload", 6.0, 40.0), ("coupling_loss", 0.5, 3.0)]
 )

@@ -21,6 +21,7 @@ def wrong(drive: str, seed: int) -> list[str]:
 
 # A current alone whose noise repeats readings by their steps (100 and 250 samples a second); a lost coupling and a jam that
 # the bank takes for a current that lies.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drive", "seed"),
     [

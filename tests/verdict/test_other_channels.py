@@ -66,6 +66,7 @@ def test_a_fault_without_a_name_may_be_of_a_recovered_command() -> None:
     assert verdict_on(drifting).probability <= 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5920000, 5920003])
 @pytest.mark.first(1)
 def test_a_sensor_that_fails_before_the_actuator_does_not_hide_that(seed: int) -> None:
@@ -78,6 +79,7 @@ def test_a_sensor_that_fails_before_the_actuator_does_not_hide_that(seed: int) -
     assert "overload" in verdict.alike
 
 
+@pytest.mark.slow
 def test_a_sensor_that_fails_alone_is_sure_to() -> None:
     frame, _ = make_log(failing(5920004, "bias", "position", 3e-4, 0.9), 5920004)
     verdict = verdict_on(frame)

@@ -59,6 +59,7 @@ def test_an_offset_and_a_gain_of_the_voltage_are_told_apart() -> None:
     assert known.offset == pytest.approx(0.05 / 1.04, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_voltage_sensor_that_changes_its_gain_on_the_way_has_failed() -> None:
     frame, _ = make_log(draw_move_case(75_011, "nominal"), 75_011)
     late = frame["time_s"] > 1.5
@@ -66,6 +67,7 @@ def test_a_voltage_sensor_that_changes_its_gain_on_the_way_has_failed() -> None:
     assert (verdict.label, verdict.channel) == ("sensor_fault", "voltage")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.9, 0.98, 0.99, 1.01, 1.02, 1.06])
 @pytest.mark.parametrize("seed", [75_020, 75_021])
 @pytest.mark.first(4)
@@ -74,6 +76,7 @@ def test_a_position_of_another_gain_is_not_surely_a_fault(gain: float, seed: int
     assert verdict.label == "nominal" or (verdict.probability == 0.5 and "nominal" in verdict.alike)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "share"), [(75_030, 0.05), (75_031, 0.1), (75_032, 0.3), (75_033, 0.6)])
 @pytest.mark.first(2)
 def test_a_nut_that_begins_to_slip_on_the_way_does(seed: int, share: float) -> None:
@@ -96,6 +99,7 @@ def test_a_gain_between_those_that_are_tried_first_is_found(shape: str, seed: in
     assert first.day().voltage == pytest.approx(gain, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_soft_start_tells_the_gain_of_its_voltage_once_it_has_risen() -> None:
     seed = 99_775_700
     for label in ("nominal", "jam"):

@@ -82,6 +82,7 @@ def test_what_was_wrong_for_sure_is_told_or_shared(drive: str, seed: int, rate_h
     assert rigs_study._said(actuator, rigs_study._learned(actuator), label)["right"]
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0])
 def test_a_rig_of_the_paper_whose_servo_nobody_knows_is_healthy(rate_hz: float) -> None:
     rig = replace(load_rig(), drive="voltage")

@@ -90,6 +90,7 @@ def test_a_mass_that_stands_is_no_sensor_that_does(label: str, logger: str) -> N
     assert "stands still to the last digit" not in " ".join(told.reasons)
 
 
+@pytest.mark.slow
 def test_a_position_that_froze_under_its_noise_is_not_surely_a_lost_coupling() -> None:
     """The friction that is left would be to a percent what it was with the mass."""
     told = verdict_on(hidden.draw_failing_case(310003, "frozen_noisy", "position", 3.0), 310003)

@@ -95,6 +95,7 @@ def test_fifty_samples_a_second_are_judged_right_or_not(kind: str, channel: str 
     assert label in ({"none": "nominal", "sensor_frozen": "sensor_fault"}.get(kind, kind), "not_tested")
 
 
+@pytest.mark.slow
 def test_one_frozen_sensor_is_no_log_without_noise() -> None:
     """All channels repeating themselves say that nobody's readings are noisy; one says that it is frozen."""
     z = made().z[:20].copy()

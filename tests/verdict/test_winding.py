@@ -45,6 +45,7 @@ def named(outcome: Outcome, label: str) -> bool:
     return verdict.label == label or label in verdict.alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "tau_s", "rate_hz"), [(810_006, 3e-3, 2000.0), (830_002, 1.5e-3, 500.0)])
 @pytest.mark.first(1)
 def test_a_start_behind_an_inductance_is_no_failed_sensor(seed: int, tau_s: float, rate_hz: float) -> None:

@@ -44,6 +44,7 @@ def verdict(frame: pd.DataFrame):
     return outcome.isolation.verdict, " ".join(outcome.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("seed", SEEDS[:2])
 @pytest.mark.first(6)
@@ -56,6 +57,7 @@ def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None
     assert "does not describe this machine" in warnings and column in warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.first(2)
 def test_millimetres_are_told_where_no_command_is_logged(seed: int) -> None:
@@ -65,6 +67,7 @@ def test_millimetres_are_told_where_no_command_is_logged(seed: int) -> None:
     assert found.label == "not_tested" and "position_m" in warnings
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("seed", SEEDS[:2])
 def test_spikes_of_a_current_are_no_unit(seed: int) -> None:
     frame = move(seed, "overload")
@@ -73,6 +76,7 @@ def test_spikes_of_a_current_are_no_unit(seed: int) -> None:
     assert found.label == "overload" and "describe this machine" not in warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:])])
 @pytest.mark.first(3)
@@ -84,6 +88,7 @@ def test_another_machine_is_never_a_sure_fault(machine: str, seed: int) -> None:
         assert found.label == "nominal" or found.probability < 0.96
 
 
+@pytest.mark.first(1)
 @pytest.mark.parametrize("label", ["overload", "coupling_loss"])
 @pytest.mark.parametrize("seed", SEEDS[:2])
 def test_a_fault_on_the_right_machine_stays_one(label: str, seed: int) -> None:

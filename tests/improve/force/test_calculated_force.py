@@ -114,6 +114,7 @@ def test_outside_the_vocabulary_ends_as_unexplained():
     )
 
 
+@pytest.mark.slow
 def test_extended_rig_is_complete_and_needs_nothing_more(tmp_path):
     truth = Truth(DRAG, 210.0, ripple=1.0)
     record = improved(truth, rig())

@@ -23,6 +23,7 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
 
 
 # The independent truth; seeds on which thresholds were set. The second of a pair is declared to look like the first.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cause, equations",
     [
@@ -40,6 +41,7 @@ def test_the_hidden_equation_comes_first(cause, equations):
     assert all(row.rms > 0.0 for row in rows if row.verdict != "no")
 
 
+@pytest.mark.slow
 def test_nothing_hidden_nothing_wanted():
     rows, disturbances = free_equations(*refitted([hide("", 9002)], RIG))
     assert {row.verdict for row in rows} == {"no"}
@@ -88,6 +90,7 @@ def test_one_short_move_with_gaps_is_enough_to_run():
     assert all(np.isfinite(row.gain) for row in rows)
 
 
+@pytest.mark.slow
 def test_two_logs_do_not_hand_their_disturbance_on():
     log = campaign(seed=6, speeds=(300.0,))
     one, _ = free_equations(*refitted([log, replace(log, t=log.t + 100.0)], RIG))

@@ -15,6 +15,7 @@ from observer_fi.learn.move_data import run
 from observer_fi.physics.rigs import with_values
 
 
+@pytest.mark.slow
 def test_a_bump_of_friction_shows_at_its_place():
     plant = with_values(RIG, {"friction_bump": 2e-5, "bump_position": 3e-4, "bump_width": 6e-5})
     rows, disturbances = free_equations(*refitted([campaign(plant, speeds=(410.0, 300.0), seed=5)], RIG))
@@ -27,6 +28,7 @@ def test_a_bump_of_friction_shows_at_its_place():
     assert np.nanmax(disturbance.mean) == pytest.approx(2e-5, rel=0.4)
 
 
+@pytest.mark.slow
 def test_bands_hold_what_they_promise():
     """Disturbances drawn from their own law along a simulated motion, many seeds: 95 % in the band, and the size comes back."""
     experiment, fitted = refitted([campaign(seed=9)], RIG)

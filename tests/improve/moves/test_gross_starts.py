@@ -15,6 +15,7 @@ PROFILE = hidden.there_and_back((410.0, 200.0), (0.3, 0.3), (0.0, 0.0))
 
 
 # A delay of 10 ms had stayed where a scan in steps of three had put it.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "effect", "parameter"),
     [
@@ -38,6 +39,7 @@ def test_a_gross_time_or_limit_is_found_with_its_size(
     assert all(abs(fitted.model[n] / RIG.model[n] - 1.0) < 0.002 for n in ("Rm", "Km", "D"))
 
 
+@pytest.mark.slow
 def test_a_loop_that_rings_for_good_is_named_by_what_makes_it_ring() -> None:
     """A lag of 5 ms: only the first move begins at rest, and simulations are out of step after some turns; it was friction."""
     problem = simulated_moves([log_of(PROFILE, effects=(hidden.effect("current_lag", lag=0.005),))], RIG)
@@ -58,6 +60,7 @@ def test_openings_are_the_rests_and_the_first_seconds_of_moves() -> None:
     assert openings(experiment, 9.0).t.size == experiment.t.size
 
 
+@pytest.mark.slow
 def test_of_a_healthy_rig_few_starts_are_better_than_none() -> None:
     experiment = prepare([log_of(PROFILE)], RIG)
     cover = coverage_of(experiment, RIG.model, np.zeros((experiment.moves, 2)))

@@ -50,6 +50,7 @@ def test_a_line_of_any_order_is_found_first(order: float) -> None:
     assert found[0].gain > 100.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7311, 7312, 7313])
 @pytest.mark.first(1)
 def test_no_line_where_there_is_none(seed: int) -> None:
@@ -74,6 +75,7 @@ def off_by(seed: int) -> float:
     return found.at - order if found is not None else float("nan")
 
 
+@pytest.mark.slow
 def test_a_line_of_a_high_order_has_a_phase_of_its_own_in_every_move() -> None:
     """Orders above six were lower ones that took a part of them."""
     assert abs(off_by(7321)) < 0.01
@@ -87,6 +89,7 @@ def test_a_line_of_a_high_order_is_told_with_its_order_or_not_at_all() -> None:
     assert (errors < 0.01).sum() >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7331, 7332, 7333])
 @pytest.mark.first(1)
 def test_a_line_of_the_winding_is_found_with_its_order(seed: int) -> None:
@@ -97,6 +100,7 @@ def test_a_line_of_the_winding_is_found_with_its_order(seed: int) -> None:
     assert found.at == pytest.approx(bars, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "size"),
     [

@@ -99,6 +99,7 @@ def test_what_a_servo_misses_goes_with_its_own_error(cause: str, seed: int) -> N
     assert not best.can_be_kept
 
 
+@pytest.mark.slow
 def test_an_unbalance_that_gravity_turns_is_a_wave_over_the_angle_as_high_as_the_pitch() -> None:
     spec = hidden.draw_effects_case(7411, ("tilted_unbalance",), 10.0)
     experiment = prepare([log_from_frame(hidden.make_log(spec, 7411)[0])], RIG)

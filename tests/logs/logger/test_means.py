@@ -103,6 +103,7 @@ def is_right(seed: int, kind: str) -> bool:
     return found.verdict.label == CLASSES[seed % 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind"), list(zip(range(76_020, 76_026), 2 * list(KINDS), strict=True)))
 @pytest.mark.first(3)
 def test_a_verdict_does_not_depend_on_the_means(seed: int, kind: str) -> None:
