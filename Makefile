@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 READY := $(VENV)/.installed
+# Tests and studies run side by side already: threads of matrix products would only wait for each other.
+export OPENBLAS_NUM_THREADS ?= 1
 BENCH_READY := $(VENV)/.installed-bench
 
 # The sample logs: those that need a column map live in a folder of their own and are not diagnosed here.

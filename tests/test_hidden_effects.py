@@ -53,6 +53,7 @@ def test_what_has_no_name_stays_without_one():
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_two_at_once():
     row = hide(PAIRS[0], 3.0)
     assert {names[0] for names in row["found"]} == set(PAIRS[0])
@@ -63,7 +64,7 @@ def test_two_at_once():
     ("cause", "seed"),  # the study reports many seeds
     [(c, 4201 + k % 2) for k, c in enumerate(hidden.CAUSES) if c != "gravity_nonlinearity"],
 )
-@pytest.mark.first(10)
+@pytest.mark.first(4)
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
     assert any(cause in names for names in named(cause, seed))
 
@@ -89,6 +90,7 @@ def named(cause: str, seed: int) -> list[list[str]]:
         ("dead_zone", {"threshold": 3.5e-3, "jump": 1.0}, {"dead_zone": 3.5e-3}),
     ],
 )
+@pytest.mark.first(1)
 def test_a_second_law_of_a_cause_is_found_with_its_size(cause, values, right):
     spec = replace(hidden.draw_effects_case(SEED, (), 0.0), effects=(hidden.effect(cause, **values),))
     record = improve([log_from_frame(hidden.make_log(spec, SEED)[0])], load_rig())
@@ -113,6 +115,7 @@ def test_a_slip_at_the_limit_of_detection_shows_in_the_position_alone(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_stop_that_only_a_missing_cause_asked_for_is_taken_back():
     """A lag of the current with an offset of the torque looks like a stop at the end of the travel."""
     row = hide(("current_lag", "torque_offset"), 3.0, 4500)
@@ -121,7 +124,7 @@ def test_a_stop_that_only_a_missing_cause_asked_for_is_taken_back():
 
 
 @pytest.mark.slow
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 @pytest.mark.parametrize(
     ("rate_hz", "first", "every"),
     [(1920.0, 0, 1), (48e3, 3, 30), (9600.0, 0, 1), (3200.0, 0, 1), (48e3, 5, 30), (48e3, 20, 48)],

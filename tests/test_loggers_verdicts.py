@@ -170,6 +170,7 @@ def test_a_drive_that_goes_off_at_any_time_of_a_stop_is_no_fault(
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_log_that_begins_in_a_start_is_judged() -> None:
     wrong = [
         answer.words

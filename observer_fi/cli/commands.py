@@ -35,6 +35,9 @@ OBJECTS = 50_000
 # How hard LLVM works on kernels, unless the environment says so: they are written as vectors and run as fast at 1 as at 3, to the
 # same digits, and the first run takes a fifth less.
 OPTIMISATION = "1"
+# Of a product of matrices, unless the environment says so: ours are small, and moves and logs run side by side. With more,
+# threads wait for each other, and that takes up to half of a processor's time.
+BLAS_THREADS = "1"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -53,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         writable_output()
         os.environ.setdefault("NUMBA_OPT", OPTIMISATION)
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", BLAS_THREADS)
         tell_when_compiling(args)
         gc.set_threshold(OBJECTS)
         code = int(args.run(args))

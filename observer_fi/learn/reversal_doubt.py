@@ -11,6 +11,7 @@ instead of leaving out the stop:
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts load when they are used: `fft` takes a while
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -32,11 +33,25 @@ _NEGLIGIBLE = 0.01  # standard deviations of the noise, less than which is not l
 _STILL = 3.0  # rad/s: five times the noise of the measured speed
 
 
+class Waves(NamedTuple):
+    """Cosines over the readings of one channel of a move (a DCT): its rows (k,), and the share taken of each cosine (k,)."""
+
+    channel: int
+    rows: NDArray[np.int64]
+    share: Array
+
+    def subtract(self, r: Array) -> None:
+        """Takes them from normalised residuals (n, 3) of the move in place, or (k, n, 3) of them."""
+        of = r[..., self.rows, self.channel]
+        left = scipy.fft.dct(of, norm="ortho") * (1.0 - self.share)
+        r[..., self.rows, self.channel] = scipy.fft.idct(left, norm="ortho")
+
+
 class Doubt(NamedTuple):
     """Directions of one move's stop: first row within the move, orthonormal (K, 3 n), and the share taken of each.
 
     kicks: row within the move and standard deviation of the step in speed [rad/s] at every reversal; still: the row from
-    which friction holds the mass, and the current is open by `CAUGHT_A`.
+    which friction holds the mass, and the current is open by `CAUGHT_A`. waves: taken before the directions.
     """
 
     first: int
@@ -44,6 +59,7 @@ class Doubt(NamedTuple):
     share: Array
     kicks: tuple[tuple[int, float], ...] = ()
     still: int = 0
+    waves: Waves | None = None
 
 
 def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Doubt:
@@ -66,15 +82,17 @@ def doubt_of(t: Array, z: Array, weight: Array, brake: int, model: Model) -> Dou
     return doubt_along(B)._replace(first=first, kicks=steps, still=int(fast[-1]) + 1)
 
 
-def doubt_along(B: Array) -> Doubt:
-    """Doubt in a whole move along normalised readings (K, n, 3), each as large as its standard deviation."""
+def doubt_along(B: Array, waves: Waves | None = None) -> Doubt:
+    """Doubt in a whole move along normalised readings (K, n, 3), each as large as its standard deviation, and in waves."""
+    if waves is not None:
+        waves.subtract(B)
     rows = B.reshape(len(B), 3 * B.shape[1])
     if not np.isfinite(rows).all():  # a model that runs away tells nothing of its doubt
         rows = rows[:0]
     _, size, v = np.linalg.svd(rows, full_matrices=False)
     open_ = size > _NEGLIGIBLE
     directions = v[open_] * rows.any(axis=0)
-    return Doubt(0, directions, 1.0 - 1.0 / np.sqrt(1.0 + size[open_] ** 2), (), B.shape[1])
+    return Doubt(0, directions, 1.0 - 1.0 / np.sqrt(1.0 + size[open_] ** 2), (), B.shape[1], waves)
 
 
 def no_doubt(rows: int) -> Doubt:
@@ -84,6 +102,8 @@ def no_doubt(rows: int) -> Doubt:
 
 def subtract_doubt(r: Array, doubt: Doubt) -> None:
     """Whitens normalised residuals or columns (n, 3) of one move in place, or (k, n, 3) of them."""
+    if doubt.waves is not None:
+        doubt.waves.subtract(r)
     if not len(doubt.directions):
         return
     part = r[..., doubt.first :, :]

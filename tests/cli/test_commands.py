@@ -241,6 +241,19 @@ def test_kernels_compile_quickly_unless_the_environment_says_otherwise(
     assert ran.stdout.split() == [level]
 
 
+@pytest.mark.parametrize(("own", "threads"), [(None, "1"), ("2", "2")])
+def test_products_of_matrices_take_one_thread_unless_the_environment_says_otherwise(
+    own: str | None, threads: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if own:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
+    show = "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    code = f"import os; from observer_fi.cli import main; main(['diagnose', 'none.csv']); {show}"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert ran.stdout.split() == [threads]
+
+
 def test_a_bug_is_exit_1(tmp_path: Path) -> None:
     broken = "c.COMMANDS['compare'] = c.COMMANDS['compare']._replace(run=lambda a: 1 / 0)"
     code = f"import sys, observer_fi.cli.commands as c; {broken}"

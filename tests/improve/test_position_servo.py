@@ -80,8 +80,8 @@ def test_a_healthy_position_servo_misses_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("seed", FINE)
-@pytest.mark.first(1)
 def test_viscous_friction_of_a_position_servo_has_its_name_and_size(seed: int) -> None:
     actuator = hidden.draw_actuator(seed, "position_servo")
     size = 0.3 * actuator.rig.A / actuator.speed

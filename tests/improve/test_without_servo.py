@@ -60,8 +60,8 @@ def test_viscous_friction_has_its_name_and_size(drive: str, seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [859005, 853004])
-@pytest.mark.first(1)
 def test_a_friction_that_warms_up_has_its_name_and_size(seed: int) -> None:
     """Of 859005 a move is slow beside the noise of the position, and no name fits behind a loop around the cold machine."""
     found = improved("current", seed, effect("friction_warmup", rise=0.3, time=4.0))

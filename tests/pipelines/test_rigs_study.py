@@ -58,6 +58,7 @@ def test_intervals_are_counted_beside_the_truth(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_names_are_counted_beside_what_is_hidden(tmp_path: Path) -> None:
     out, rows = tmp_path / "causes.md", tmp_path / "rows.csv"
     options = ["--causes", "--rigs", "1", "--first", "852002", "--drives", "current"]

@@ -482,6 +482,7 @@ def test_streams_that_cannot_be_used_are_one_line(redirect: str, said: str, tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_process_fed_fast_does_not_grow(tmp_path: Path) -> None:
     """300 000 samples through the whole process: resident memory after the first tenth is that at the end."""
     lines = csv_lines(sample_log("none"))

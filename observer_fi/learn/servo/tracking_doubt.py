@@ -15,15 +15,19 @@ import numpy as np
 import scipy  # whose parts load when they are used: `fft` takes a while
 from numpy.typing import NDArray
 
-from observer_fi.learn.reversal_doubt import HELD_S, Doubt, doubt_along
+from observer_fi.learn.reversal_doubt import HELD_S, Doubt, Waves, doubt_along
 from observer_fi.physics import Model
 from observer_fi.records import Array
 
 DAMPING = math.sqrt(2.0)  # twice that of the settled filter
 SMOOTH = 2.0  # times the ring of the loop: faster, the measured motion is the simulation's own
 
-_LEAST = 0.3  # standard deviations: a smaller wander or step is none beside the noise
-_MOST_WAVES, _MOST_STEPS = 40, 20  # of one move
+_LEAST = 0.3  # standard deviations: a smaller step is none beside the noise
+_MOST_STEPS = 20  # of one move
+_BANDS, _FINE = (
+    8,
+    4,
+)  # half-widths of a cosine over a move, and in how many parts of them a spectrum is asked for
 _IN_A_SAMPLE = 1.0 / math.sqrt(12.0)  # of a sample: when in it a servo jumped
 _MOST_ROWS = 1 << 19  # on either side of it
 _SETTLED = 40.0  # radians of the ring on either side, after which a step has no more effect
@@ -51,24 +55,40 @@ def tracking_doubt(t: Array, i: Array, w: Array, weight: Array, noise: Array, lo
 
     noise: (3,) of a reading each.
     """
-    B = [*_waves(t, noise, loop), *_steps(t, i, w, noise, loop)]
-    return doubt_along(np.array(B).reshape(len(B), t.size, 3) * weight)
+    steps = _steps(t, i, w, noise, loop)
+    B = np.array(steps).reshape(len(steps), t.size, 3) * weight
+    return doubt_along(B, _waves(t, weight[:, 0], noise, loop))
 
 
-def _waves(t: Array, noise: Array, loop: Loop) -> list[Array]:
-    """(n, 3) each: cosines over a move, as high as the voltage wanders with them."""
-    k = np.arange(min(_MOST_WAVES, t.size))
-    length = float(t[-1] - t[0]) * t.size / max(t.size - 1, 1)
-    at = np.asarray(math.pi / length * k, dtype=np.float64)
+def _waves(t: Array, weight: Array, noise: Array, loop: Loop) -> Waves | None:
+    """Cosines over the voltages of a move, of weights (n,), as high as they wander; none where no voltage is logged.
+
+    A move is short beside what is slow: a cosine takes of all frequencies near its own.
+    """
+    rows = np.flatnonzero(weight)
+    if rows.size < 2:
+        return None
+    apart = float(t[rows[-1]] - t[rows[0]]) / (rows.size - 1)
+    near = np.arange(-_BANDS * _FINE, _BANDS * _FINE + 1) / _FINE
+    taken = np.sinc(0.5 * near) ** 2
+    cosine = np.arange(-_BANDS * _FINE, (rows.size + _BANDS) * _FINE) / _FINE
+    wander = _wander(
+        np.asarray(math.pi / (apart * rows.size) * np.abs(cosine), dtype=np.float64), noise, loop
+    )
+    high = np.convolve(wander, taken / taken.sum(), "valid")[::_FINE]
+    high *= rows.size / t.size  # readings that are held tell less of what is slow
+    return Waves(0, rows, 1.0 - 1.0 / np.sqrt(1.0 + high * np.mean(weight[rows]) ** 2))
+
+
+def _wander(at: Array, noise: Array, loop: Loop) -> Array:
+    """(k,) variance of a cosine of the voltage over samples [V^2], but for what the current's noise makes of it at once."""
     L = loop.back(at)
-    shaken = np.array([L * noise[2] / loop.model["D"], np.full(at.size, _push(loop.model) * noise[1])])
-    turned = np.linalg.norm(at * np.abs(shaken / (L - at**2)), axis=0)
-    found = []
-    for one, high in zip(k.tolist(), (loop.voltage(at) * turned).tolist(), strict=True):
-        if high > _LEAST * noise[0]:
-            wave = np.cos(math.pi * one * (np.arange(t.size) + 0.5) / t.size)
-            found.append(np.outer(high * wave / np.linalg.norm(wave), (1.0, 0.0, 0.0)))
-    return found
+    by_position, by_current = (
+        loop.voltage(at) * at * np.abs(shaken / (L - at**2))
+        for shaken in (L * noise[2] / loop.model["D"], _push(loop.model) * noise[1])
+    )
+    at_once = loop.model["Rm"] * noise[1]
+    return np.asarray(by_position**2 + np.maximum(by_current**2 - at_once**2, 0.0), dtype=np.float64)
 
 
 def _push(model: Model) -> float:

@@ -111,7 +111,7 @@ def test_a_verdict_does_not_depend_on_the_means(seed: int, kind: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.first(1)
 def test_most_verdicts_do_not(kind: str) -> None:
     assert sum(is_right(seed, kind) for seed in range(76_100, 76_109)) >= 8
