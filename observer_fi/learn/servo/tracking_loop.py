@@ -63,7 +63,7 @@ def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
     )
     near = followed(loose, model)
     w = run(near, model, np.zeros((near.moves, 2)))[0][:, s.W]
-    if not np.abs(w).max() < _RUNS_AWAY * np.abs(near.peak).max():
+    if not np.abs(w).max() < _RUNS_AWAY * _fastest(experiment):
         raise UsageError(
             f"with the constants of rig {rig.name!r} a simulation of these moves runs away: inertia J and friction A are of "
             "another machine, or guesses; run identify first, on starts from rest at full speed"
@@ -109,9 +109,14 @@ def _with_loop(experiment: Experiment, rig: Rig) -> Rig:
     model = rig.model
     ring = _ring(experiment, model)
     Kp, Ki = (gain * model["J"] / model["Km"] for gain in (DAMPING * ring, ring**2))
-    top = model["Rm"] * np.abs(experiment.z[:, CURRENT]).max() + model["Km"] * np.abs(experiment.peak).max()
+    top = model["Rm"] * np.abs(experiment.z[:, CURRENT]).max() + model["Km"] * _fastest(experiment)
     values = {"Kp": Kp, "Ki": Ki, "Rs": 0.0, "Vmax": _NEVER * float(top)}
     return with_values(rig, values, method="loop around the simulation")
+
+
+def _fastest(experiment: Experiment) -> float:
+    """Fastest command of the moves [rad/s]; in that of a position the last way of a move is a ring of its stop."""
+    return max(float(np.abs(experiment.w_cmd(m)).max()) for m in range(experiment.moves))
 
 
 def _ring(experiment: Experiment, model: Model) -> float:
