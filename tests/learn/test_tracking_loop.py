@@ -92,6 +92,13 @@ def test_an_inertia_of_another_machine_is_one_line() -> None:
         simulated_moves(one.logs, light)
 
 
+def test_a_stop_that_rings_is_no_simulation_that_runs_away() -> None:
+    """The last way of every move is a ring then, a quarter as fast as the move."""
+    actuator = hidden.draw_actuator(856000, "current")
+    peaks = np.abs(problem("current", 856000).experiment.peak)
+    assert peaks.max() < 0.5 * actuator.speed
+
+
 @pytest.mark.slow
 def test_a_loop_is_as_slow_as_the_position_is_noisy() -> None:
     """Ten times the noise of the position, and the Kalman gain's fourth root falls by its square root."""
