@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drawn_sheets import drawn_sheet
 from hidden.effects import effect
+from scipy.fft import dct
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
@@ -134,6 +135,31 @@ def test_what_goes_with_a_step_of_the_speed_obeys_the_loop_that_follows_the_posi
     assert np.abs(shown[:, 0] - voltage).max() < 0.02 * np.abs(voltage).max()
     assert np.abs(e - cumulative_trapezoid(w, dx=dt, initial=0.0)).max() < 0.02 * np.abs(e).max()
     assert not shown[:, 1].any()
+
+
+@pytest.mark.parametrize(("ring_hz", "n"), [(0.2, 2000), (0.03, 700), (4.0, 3000)])
+def test_the_wander_of_the_voltage_is_as_high_in_a_move_as_in_a_piece_of_an_endless_one(
+    ring_hz: float, n: int
+) -> None:
+    """Position noise through the loop at 1 kHz, as the loop's own equation has it, cut into moves: 1 + b b' of every cosine."""
+    m, ring, dt, pieces = problem(*CASES[0]).rig.model, 2.0 * np.pi * ring_hz, 1e-3, 4000
+    loop, x_noise = Loop(ring, m), 1e-4
+    at = 2.0 * np.pi * np.fft.rfftfreq(n * pieces, dt)
+    white = np.fft.rfft(np.random.default_rng(5).normal(0.0, x_noise / m["D"], n * pieces))
+    back = loop.back(at)
+    error = white * back / (back - at**2)  # e'' = -L (e - noise)
+    voltage = np.fft.irfft(m["Km"] * 1j * at * error + m["Rm"] * m["J"] / m["Km"] * (1j * at) ** 2 * error)
+    found = np.mean(dct(voltage.reshape(pieces, n), norm="ortho") ** 2, axis=0)
+    noise = np.array([1e-3, 1e-9, x_noise])
+    t = dt * np.arange(n)
+    doubt = tracking_doubt(t, np.zeros(n), np.ones(n), np.ones((n, 3)) / noise, noise, loop)
+    assert doubt.waves is not None
+    told = noise[0] ** 2 * (1.0 / (1.0 - doubt.waves.share) ** 2 - 1.0)
+    shown = told > 0.1 * noise[0] ** 2
+    assert shown[0]
+    assert np.allclose(
+        told[shown] / found[shown], 1.0, atol=0.15
+    )  # pieces side by side have what is slow in common
 
 
 def test_a_step_of_the_speed_is_taken_and_noise_is_not() -> None:

@@ -1,8 +1,9 @@
 """What a loop that follows the measured position leaves open in the readings of a move (`tracking_loop.py`).
 
-The noise of the position moves the simulation through the loop, that of the current by itself, and both wander as slowly as the
-loop is. Where the current bends between two readings, the speed that it makes is off by a step, and friction may hold a motor
-back where it turns round. All is known in shape and in size, and projected out as `reversal_doubt.py` does.
+The noise of the position moves the simulation through the loop, that of the current by itself, and both make the voltage wander
+as slowly as the loop is, with a spectrum that is known: it is whitened in cosines over a move. Where the current bends between
+two readings, the speed that it makes is off by a step, and friction may hold a motor back where it turns round. Those are known
+in shape and in size, and projected out as `reversal_doubt.py` does.
 
 An error e = phi - phi_simulated obeys e'' = a - L e, where L = (sqrt(2) ring d/dt + ring^2) times the low-pass of what the loop
 follows, which looks as far ahead as back: so does e. a: an acceleration that nobody knows [rad/s^2].
@@ -24,10 +25,10 @@ SMOOTH = 2.0  # times the ring of the loop: faster, the measured motion is the s
 
 _LEAST = 0.3  # standard deviations: a smaller step is none beside the noise
 _MOST_STEPS = 20  # of one move
-_BANDS, _FINE = (
-    8,
+_FINE, _FINEST = (
     4,
-)  # half-widths of a cosine over a move, and in how many parts of them a spectrum is asked for
+    64,
+)  # parts of a spacing of cosines, and of the loop's ring, in which a spectrum is asked for
 _IN_A_SAMPLE = 1.0 / math.sqrt(12.0)  # of a sample: when in it a servo jumped
 _MOST_ROWS = 1 << 19  # on either side of it
 _SETTLED = 40.0  # radians of the ring on either side, after which a step has no more effect
@@ -61,23 +62,34 @@ def tracking_doubt(t: Array, i: Array, w: Array, weight: Array, noise: Array, lo
 
 
 def _waves(t: Array, weight: Array, noise: Array, loop: Loop) -> Waves | None:
-    """Cosines over the voltages of a move, of weights (n,), as high as they wander; none where no voltage is logged.
-
-    A move is short beside what is slow: a cosine takes of all frequencies near its own.
-    """
+    """Cosines over the voltages of a move, of weights (n,), as high as they wander; none where no voltage is logged."""
     rows = np.flatnonzero(weight)
     if rows.size < 2:
         return None
-    apart = float(t[rows[-1]] - t[rows[0]]) / (rows.size - 1)
-    near = np.arange(-_BANDS * _FINE, _BANDS * _FINE + 1) / _FINE
-    taken = np.sinc(0.5 * near) ** 2
-    cosine = np.arange(-_BANDS * _FINE, (rows.size + _BANDS) * _FINE) / _FINE
-    wander = _wander(
-        np.asarray(math.pi / (apart * rows.size) * np.abs(cosine), dtype=np.float64), noise, loop
-    )
-    high = np.convolve(wander, taken / taken.sum(), "valid")[::_FINE]
+    spacing = math.pi * (rows.size - 1) / (rows.size * float(t[rows[-1]] - t[rows[0]]))
+    fine = min(max(math.ceil(_FINE * spacing / loop.ring), _FINE), _FINEST)
+    at = np.asarray(spacing / fine * np.arange(rows.size * fine), dtype=np.float64)
+    high = _within_a_move(_wander(at, noise, loop), fine)
     high *= rows.size / t.size  # readings that are held tell less of what is slow
     return Waves(0, rows, 1.0 - 1.0 / np.sqrt(1.0 + high * np.mean(weight[rows]) ** 2))
+
+
+def _within_a_move(spectrum: Array, fine: int) -> Array:
+    """(n,) variances of the cosines over a move, from a spectrum (n fine,) at so many parts of their spacing.
+
+    A move is short beside what is slow: a cosine k takes of a frequency x, both in spacings, a share of
+    8/pi^2 x^2 sin^2(pi/2 (x - k)) / (x^2 - k^2)^2, half of that where k = 0. That is the sum of 1/d^2 and 1/(k d), d = x - k,
+    over the frequencies of either sign.
+    """
+    both = np.concatenate([spectrum[:0:-1], spectrum])
+    d = np.arange(1 - spectrum.size, spectrum.size) / fine
+    near, odd = 0.5 * np.sinc(0.5 * d) ** 2, -0.5 * d * np.sinc(0.5 * d) ** 2
+    mean, slope = (
+        scipy.signal.fftconvolve(both, kernel, "same")[spectrum.size - 1 :: fine] for kernel in (near, odd)
+    )
+    return np.asarray(
+        np.maximum(mean + slope / np.maximum(np.arange(mean.size), 1), 0.0) / fine, dtype=np.float64
+    )
 
 
 def _wander(at: Array, noise: Array, loop: Loop) -> Array:
