@@ -179,7 +179,7 @@ def test_what_the_bank_once_left_out_is_carried(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in FAST])
-@pytest.mark.first(10)
+@pytest.mark.first(5)
 def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> None:
     consistent(name)
 

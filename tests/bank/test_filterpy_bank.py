@@ -109,7 +109,7 @@ def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltag
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.slow)]
+    ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.study)]
 )
 @pytest.mark.parametrize("name", SAMPLES)
 @pytest.mark.first(4)

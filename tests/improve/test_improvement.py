@@ -134,6 +134,7 @@ def test_the_report_tells_the_gain_of_diagnosis(sticky):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("not_on_new_moves")
 def test_a_cause_is_named_behind_a_position_loop():
     """The independent truth under a position loop, with a bearing that drags; the rig file has no commanded acceleration."""

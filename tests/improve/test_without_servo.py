@@ -48,7 +48,7 @@ def improved(drive: str, seed: int, *effects: Effect) -> Improvement:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), CASES)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_viscous_friction_has_its_name_and_size(drive: str, seed: int) -> None:
     actuator = hidden.draw_actuator(seed, drive)
     size = 0.3 * actuator.rig.A / actuator.speed

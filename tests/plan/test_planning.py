@@ -103,6 +103,7 @@ def test_constants_that_need_a_pitch_get_one():
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_position_servo_gets_positions():
     rig = behind_a_loop()
     plan = plan_causes(parse("backlash,position_lag"), rig, limits_of(rig, 4.0))

@@ -369,6 +369,7 @@ def run_and_kill(job: fleet.Job, good: int, broken: int, address: str, workers: 
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_worker_is_killed_and_a_second_run_does_nothing(
     tmp_path: Path, cluster: tuple[str, Processes]
 ) -> None:
@@ -377,8 +378,8 @@ def test_a_worker_is_killed_and_a_second_run_does_nothing(
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("whole", [50, 190])
-@pytest.mark.first(1)
 def test_many_logs_ten_of_them_broken(whole: int, tmp_path: Path, cluster: tuple[str, Processes]) -> None:
     make_logs(tmp_path / "logs", whole, 10)
     run_and_kill(make_job(tmp_path), whole, 10, *cluster)

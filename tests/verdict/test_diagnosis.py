@@ -204,6 +204,7 @@ def test_every_move_of_a_campaign_has_its_verdict(long_log: tuple[Log, dict]) ->
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_memory_does_not_grow_with_the_log(long_log: tuple[Log, dict]) -> None:
     """A campaign four times over needs no more than twice (then what is drawn is full), in chunks of 2.5 s."""
 

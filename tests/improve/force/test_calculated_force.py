@@ -43,8 +43,8 @@ def test_nothing_is_named_where_nothing_is_missing(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("noise", [1e-8, 2e-7, 2e-6])
-@pytest.mark.first(1)
 def test_nothing_is_named_on_many_logs(noise):
     for seed in range(100, 120):
         assert named(Truth(DRAG, DRAG, noise=noise), rig(**VISCOUS), seed) == []

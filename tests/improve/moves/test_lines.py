@@ -82,6 +82,7 @@ def test_a_line_of_a_high_order_has_a_phase_of_its_own_in_every_move() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_line_of_a_high_order_is_told_with_its_order_or_not_at_all() -> None:
     """Near the highest order that the logger shows of the fastest moves another one was told: two of eight. Of these 16 one."""
     errors = np.abs([off_by(seed) for seed in (*range(7351, 7359), *range(7361, 7369))])
