@@ -52,7 +52,7 @@ def said(name: str, label: str, seed: int) -> Said:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
-@pytest.mark.first(5)
+@pytest.mark.first(2)
 def test_the_verdict_through_a_logger_is_right(name: str) -> None:
     answer = said(name, QUICK[name], FIRST)
     assert answer.right, answer.words

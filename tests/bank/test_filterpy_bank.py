@@ -112,7 +112,7 @@ def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltag
     ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.study)]
 )
 @pytest.mark.parametrize("name", SAMPLES)
-@pytest.mark.first(4)
+@pytest.mark.first(2)
 def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: float) -> None:
     log = read_log(DATA / f"{name}.csv.gz")
     log = cut(log, log.t[0], log.t[0] + seconds)

@@ -56,6 +56,7 @@ def has_the_constants(channels: tuple[int, ...], hz: float, order: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cause", sorted(hidden.CAUSES)[::3])
+@pytest.mark.first(4)
 def test_no_cause_is_a_filter(cause: str) -> None:
     assert told_of(cause) == ()
 

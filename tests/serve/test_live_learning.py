@@ -78,7 +78,7 @@ THROUGH = (
 @pytest.mark.parametrize(
     ("name", "label"), [(name, LABELS[(k + j) % 3]) for k, name in enumerate(THROUGH) for j in range(2)]
 )
-@pytest.mark.first(6)
+@pytest.mark.first(2)
 def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) -> None:
     log = through(name, label, 7610)
     assert what(streamed(log)[0].verdict()) == what(of_the_bank(log))

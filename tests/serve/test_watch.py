@@ -199,7 +199,7 @@ ODD_LINES = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 5, 8])
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_blocks_of_lines_say_what_lines_say(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Odd lines at random places, a clock that jumps back, random pieces: byte for byte the same output."""
     rng = np.random.default_rng(seed)

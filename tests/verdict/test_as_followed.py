@@ -74,7 +74,7 @@ def test_whatever_was_logged_for_the_command(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["s_curve", "without_rests", "soft_ramps"])
 @pytest.mark.parametrize("kind", ["late", "held", "without its ramp", "noisy"])
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_whatever_shape_it_has(kind: str, shape: str) -> None:
     """Health and a fault; of such logs one of four was right while the servo's equation was asked of what it had recovered."""
     for seed, label in ((99_410_000, "nominal"), (99_410_001, "coupling_loss")):

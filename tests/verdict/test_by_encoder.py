@@ -59,7 +59,7 @@ def then(case: Case, label: str, encoder: Array | None = None, **more: object) -
 @pytest.mark.parametrize("label", ["slip", "coupling_loss", "overload"])
 @pytest.mark.parametrize("gain", [1.2, 0.6])
 @pytest.mark.parametrize("seed", [872001, 872002])
-@pytest.mark.first(6)
+@pytest.mark.first(2)
 def test_an_encoder_that_goes_with_the_mass_refutes_that_it_slips(label: str, gain: float, seed: int) -> None:
     told = then(Case(seed, "jam", "voltage", gain), label)
     assert (told.label, told.channel, told.alike) == ("sensor_fault", "voltage", ())

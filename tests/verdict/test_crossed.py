@@ -43,7 +43,7 @@ def named(event: Event, label: str) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind", "shape", "logger", "day"), CROSSED)
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_what_was_told_as_another_thing_for_sure_is_among_what_is_told(
     seed: int, kind: str, shape: str, logger: str, day: str
 ) -> None:

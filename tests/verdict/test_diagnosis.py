@@ -124,7 +124,7 @@ def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("label", FAULTS)
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_four_hundred_samples_a_second_say_the_same(label: str, seed: int) -> None:
     """Rates are per second and steps are kept short: the posterior at 400 Hz agrees with that at 1600 Hz."""
     spec = draw_move_case(seed, label)

@@ -493,7 +493,7 @@ def test_a_jam_goes_on_over_reversals(seed: int) -> None:
         (180043, "slip_then_jam"),
     ],
 )
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_the_second_fault_is_not_the_first_one_again(seed: int, kind: str) -> None:
     """A jam on top of a slip is no obstacle with a load; a slip of 5 % before a jam of 236 % is seen."""
     spec = hidden.draw_placed_case(seed, kind)

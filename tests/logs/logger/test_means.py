@@ -105,7 +105,7 @@ def is_right(seed: int, kind: str) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind"), list(zip(range(76_020, 76_026), 2 * list(KINDS), strict=True)))
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_a_verdict_does_not_depend_on_the_means(seed: int, kind: str) -> None:
     assert is_right(seed, kind)
 
