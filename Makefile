@@ -22,7 +22,7 @@ help:
 	@echo "make demo    diagnose the sample logs of data/"
 	@echo "make test    the tests, without the slow studies"
 	@echo "make slow    the slow studies (Monte Carlo) that CI has time for"
-	@echo "make studies the other ones, three quarters of an hour"
+	@echo "make studies the other ones, some hours on two cores"
 	@echo "make lint    format, lint, types, import contract"
 	@echo "make check   lint and test"
 	@echo "make bench   speed and memory against peers"
