@@ -55,6 +55,7 @@ def said_of(kind: str, seed: int) -> tuple[str, bool]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(("kind", "seed"), list(zip(SPOILT, range(41_000, 41_005), strict=True)))
 @pytest.mark.first(1)
 def test_what_the_servo_followed_is_asked_of_the_servo(kind: str, seed: int) -> None:
@@ -62,6 +63,7 @@ def test_what_the_servo_followed_is_asked_of_the_servo(kind: str, seed: int) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", SPOILT)
 @pytest.mark.first(1)
 def test_whatever_was_logged_for_the_command(kind: str) -> None:
@@ -72,6 +74,7 @@ def test_whatever_was_logged_for_the_command(kind: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("shape", ["s_curve", "without_rests", "soft_ramps"])
 @pytest.mark.parametrize("kind", ["late", "held", "without its ramp", "noisy"])
 @pytest.mark.first(2)
@@ -122,6 +125,7 @@ def test_another_machine_is_not_told_as_a_fault_from_the_first_motion_on(
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
     frame, _ = make_log(draw_move_case(41_004, "overload"), 41_004)
     command = frame["speed_cmd_rad_s"]
@@ -132,6 +136,7 @@ def test_a_file_says_what_a_log_in_memory_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_half_the_rate_says_the_same() -> None:
     log = spoilt("without its ramp", 41_006)
     slow = replace(log, t=log.t[::2], z=log.z[::2], w_cmd=log.w_cmd[::2], pitch=log.pitch[::2])

@@ -84,6 +84,7 @@ def test_a_friction_that_is_not_told_from_what_it_was_is_no_jam_for_sure(
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", [*COMES_AND_GOES, "winding 30 K warmer", "warm winding, swell"])
 @pytest.mark.first(1)
 def test_health_and_faults_stay_apart_in_everyday_surroundings(kind: str) -> None:

@@ -58,6 +58,7 @@ def test_a_fast_logger_is_judged_as_well(kind: str) -> None:
 @pytest.mark.parametrize("rate_hz", [4800.0, 9600.0, 48e3])
 @pytest.mark.parametrize("trait", TRAITS)
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.first(1)
 def test_most_moves_are_right_through_any_fast_logger(rate_hz: float, trait: str) -> None:
     """None of them is wrong for sure."""

@@ -214,6 +214,7 @@ def test_a_doubt_in_the_start_hides_no_later_fault(label: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", [*hidden.SEVERITY_KINDS, "nominal"])
 @pytest.mark.first(2)
 def test_sizes_drawn_over_decades(kind: str) -> None:
