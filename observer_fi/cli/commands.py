@@ -35,8 +35,8 @@ OBJECTS = 50_000
 # How hard LLVM works on kernels, unless the environment says so: they are written as vectors and run as fast at 1 as at 3, to the
 # same digits, and the first run takes a fifth less.
 OPTIMISATION = "1"
-# Of a product of matrices, unless the environment says so: ours are small, and moves and logs run side by side. With more,
-# threads wait for each other, and that takes up to half of a processor's time.
+# Of a product of matrices, unless the environment says so: ours are small, and moves and logs run side by side. More threads
+# only wait for each other.
 BLAS_THREADS = "1"
 
 

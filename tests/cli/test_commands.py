@@ -229,29 +229,23 @@ def test_starting_up_imports_nothing_heavy() -> None:
     assert ran.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize(("own", "level"), [(None, "1"), ("3", "3")])
-def test_kernels_compile_quickly_unless_the_environment_says_otherwise(
-    own: str | None, level: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("own", [None, "3"])
+@pytest.mark.parametrize(
+    ("name", "usual", "shown"),
+    [
+        ("NUMBA_OPT", "1", "import numba; print(int(numba.config.OPT))"),
+        ("OPENBLAS_NUM_THREADS", "1", "import os; print(os.environ['OPENBLAS_NUM_THREADS'])"),
+    ],
+)
+def test_kernels_compile_quickly_and_products_take_one_thread_unless_the_environment_says_otherwise(
+    name: str, usual: str, shown: str, own: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv("NUMBA_OPT", raising=False)
+    monkeypatch.delenv(name, raising=False)
     if own:
-        monkeypatch.setenv("NUMBA_OPT", own)
-    code = "from observer_fi.cli import main; main(['diagnose', 'none.csv']); import numba; print(int(numba.config.OPT))"
+        monkeypatch.setenv(name, own)
+    code = f"from observer_fi.cli import main; main(['diagnose', 'none.csv']); {shown}"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert ran.stdout.split() == [level]
-
-
-@pytest.mark.parametrize(("own", "threads"), [(None, "1"), ("2", "2")])
-def test_products_of_matrices_take_one_thread_unless_the_environment_says_otherwise(
-    own: str | None, threads: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    if own:
-        monkeypatch.setenv("OPENBLAS_NUM_THREADS", own)
-    show = "print(os.environ['OPENBLAS_NUM_THREADS'])"
-    code = f"import os; from observer_fi.cli import main; main(['diagnose', 'none.csv']); {show}"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert ran.stdout.split() == [threads]
+    assert ran.stdout.split() == [own or usual]
 
 
 def test_a_bug_is_exit_1(tmp_path: Path) -> None:

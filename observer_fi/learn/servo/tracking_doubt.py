@@ -25,10 +25,8 @@ SMOOTH = 2.0  # times the ring of the loop: faster, the measured motion is the s
 
 _LEAST = 0.3  # standard deviations: a smaller step is none beside the noise
 _MOST_STEPS = 20  # of one move
-_FINE, _FINEST = (
-    4,
-    64,
-)  # parts of a spacing of cosines, and of the loop's ring, in which a spectrum is asked for
+# Parts of the loop's ring in which a spectrum is asked for, and at least and at most of the spacing of two cosines.
+_FINE, _FINEST = 4, 64
 _IN_A_SAMPLE = 1.0 / math.sqrt(12.0)  # of a sample: when in it a servo jumped
 _MOST_ROWS = 1 << 19  # on either side of it
 _SETTLED = 40.0  # radians of the ring on either side, after which a step has no more effect
@@ -51,26 +49,30 @@ class Loop(NamedTuple):
         return m["Km"] * np.hypot(1.0, at * m["J"] * m["Rm"] / m["Km"] ** 2)
 
 
-def tracking_doubt(t: Array, i: Array, w: Array, weight: Array, noise: Array, loop: Loop) -> Doubt:
+def tracking_doubt(
+    t: Array, i: Array, w: Array, weight: Array, noise: Array, every: Array, loop: Loop
+) -> Doubt:
     """Doubt in the readings of one move at t (n,), driven by a current i (n,), of speed w (n,), with weights (n, 3).
 
-    noise: (3,) of a reading each.
+    noise: (3,) of a reading each. every: (3,) rows from one reading of a channel to the next; a line goes between them.
     """
-    steps = _steps(t, i, w, noise, loop)
+    steps = _steps(t, i, w, noise, every, loop)
     B = np.array(steps).reshape(len(steps), t.size, 3) * weight
-    return doubt_along(B, _waves(t, weight[:, 0], noise, loop))
+    return doubt_along(B, _waves(t, weight[:, 0], noise * np.sqrt(every), loop))
 
 
 def _waves(t: Array, weight: Array, noise: Array, loop: Loop) -> Waves | None:
-    """Cosines over the voltages of a move, of weights (n,), as high as they wander; none where no voltage is logged."""
+    """Cosines over the voltages of a move, of weights (n,), as high as they wander; none where no voltage is logged.
+
+    noise: (3,) at every row, that makes as much of what is slow as that of the readings.
+    """
     rows = np.flatnonzero(weight)
     if rows.size < 2:
         return None
     spacing = math.pi * (rows.size - 1) / (rows.size * float(t[rows[-1]] - t[rows[0]]))
     fine = min(max(math.ceil(_FINE * spacing / loop.ring), _FINE), _FINEST)
     at = np.asarray(spacing / fine * np.arange(rows.size * fine), dtype=np.float64)
-    high = _within_a_move(_wander(at, noise, loop), fine)
-    high *= rows.size / t.size  # readings that are held tell less of what is slow
+    high = _within_a_move(_wander(at, noise, loop), fine) * rows.size / t.size
     return Waves(0, rows, 1.0 - 1.0 / np.sqrt(1.0 + high * np.mean(weight[rows]) ** 2))
 
 
@@ -108,11 +110,14 @@ def _push(model: Model) -> float:
     return model["Km"] / model["J"]
 
 
-def _steps(t: Array, i: Array, w: Array, noise: Array, loop: Loop) -> list[Array]:
-    """(n, 3) each: what goes with steps of the speed where the current bends the most, and where the motor turns round."""
+def _steps(t: Array, i: Array, w: Array, noise: Array, every: Array, loop: Loop) -> list[Array]:
+    """(n, 3) each: what goes with steps of the speed where the current bends the most, and where the motor turns round.
+
+    A jump between two readings is a slope of the line between them, less steep and longer the farther they are apart.
+    """
     dt = np.gradient(t)
     turns = np.flatnonzero((w[1:] * w[:-1] <= 0.0) & (w[1:] != w[:-1]))
-    step = _push(loop.model) * _IN_A_SAMPLE * np.abs(np.diff(i, 2, append=[i[-1]] * 2)) * dt
+    step = _push(loop.model) * _IN_A_SAMPLE * np.abs(np.diff(i, 2, append=[i[-1]] * 2)) * dt * every[1] ** 2
     held = np.abs(np.diff(w))[turns] * np.maximum(HELD_S / dt[turns], _IN_A_SAMPLE)
     step[turns] = np.hypot(step[turns], held)
     D, Km = loop.model["D"], loop.model["Km"]

@@ -42,8 +42,9 @@ CURRENT, POSITION = 1, 2
 def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
     """The moves of a rig without a servo as those of one whose servo is the loop of this module, and the rig with it.
 
-    The current drives and counts no more, and its noise is in the voltage that it makes; what is read once friction has caught
-    the mass tells nothing. Raises UsageError for a rig with which no simulation stays near the moves.
+    The current drives and counts no more, and its noise is in the voltage that it makes, which tells nothing where no current was
+    read beside it; nor does what is read once friction has caught the mass. Raises UsageError for a rig with which no simulation
+    stays near the moves.
     """
     looped = _with_loop(experiment, rig)
     model = looped.model
@@ -51,6 +52,7 @@ def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
     noise = experiment.noise.copy()
     noise[0] = math.hypot(noise[0], model["Rm"] * noise[CURRENT])
     weight = experiment.weight * experiment.noise / noise
+    weight[~seen[:, CURRENT], 0] = 0.0
     weight[:, CURRENT] = 0.0
     silent = _NOT_SIMULATED if seen[:, 0].any() else (*_NOT_SIMULATED, *_OF_VOLTAGE)
     loose = replace(
@@ -68,17 +70,26 @@ def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
             f"with the constants of rig {rig.name!r} a simulation of these moves runs away: inertia J and friction A are of "
             "another machine, or guesses; run identify first, on starts from rest at full speed"
         )
-    return _with_doubt(near, model, w), looped
+    return _with_doubt(near, model, w, _rows_a_reading(experiment)), looped
 
 
-def _with_doubt(experiment: Experiment, model: Model, w: Array) -> Experiment:
-    """The experiment with what its loop leaves open in a motion of speed w (N,), until each move has stopped."""
+def _rows_a_reading(experiment: Experiment) -> Array:
+    """(3,) rows from one reading of a channel to the next, of the usual move."""
+    rows = float(np.median(np.diff(experiment.t[experiment.rows(0)])))
+    return np.array([max(_between(experiment, channel) / rows, 1.0) for channel in range(3)])
+
+
+def _with_doubt(experiment: Experiment, model: Model, w: Array, every: Array) -> Experiment:
+    """The experiment with what its loop leaves open in a motion of speed w (N,), until each move has stopped.
+
+    every: (3,) rows from one reading of a channel to the next.
+    """
     loop, weight, doubts = Loop(_ring_of(model), model), experiment.weight.copy(), []
     for rows in map(experiment.rows, range(experiment.moves)):
         turning = np.flatnonzero(w[rows])
         weight[rows][turning[-1] + 1 if turning.size else 0 :] = 0.0
         t, i, own = experiment.t[rows], experiment.driven[rows], weight[rows]
-        doubts.append(tracking_doubt(t, i, w[rows], own, experiment.noise, loop))
+        doubts.append(tracking_doubt(t, i, w[rows], own, experiment.noise, every, loop))
     return replace(experiment, weight=weight, doubts=tuple(doubts))
 
 
