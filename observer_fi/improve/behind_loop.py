@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.moves.misfit import GROSS_NATS, excess, samples
+from observer_fi.improve.moves.misfit import GROSS_NATS, excess, missed, samples
 from observer_fi.improve.moves.simulated_moves import SimulatedMoves
 from observer_fi.improve.steps import Ladder
 from observer_fi.learn import FitResult, followed
@@ -17,7 +17,7 @@ _MAKERS = ("Rm", "Km", "D", "tick_phase")
 _SILENT = {"servo": "servo", "sensor:current": "current sensor", "electrical": "winding"}
 
 
-def named_behind_loop(
+def named(
     problem: SimulatedMoves, progress: Callable[[str], None]
 ) -> tuple[SimulatedMoves, Ladder[FitResult]]:
     """The problem and its ladder of causes; where a loop stands for a servo, behind one that follows a model with all of them.
@@ -28,14 +28,34 @@ def named_behind_loop(
     fails by far the loop follows that one first.
     """
     if problem.given is None:
-        return problem, name_causes(problem, progress)
+        return _named_with_stops(problem, progress)
     alone = replace(problem, settings=replace(problem.settings, rounds=1), held=_MAKERS)
     alone = _near_its_refit(alone)
     near, first = _near(alone, name_causes(alone, progress))
     problem = replace(problem, experiment=near.experiment)
     if first.steps and problem.model == problem.rig.model:
         problem = replace(problem, model=problem.ended(first.extended))
-    return _near(problem, name_causes(problem, progress))
+    problem, ladder = _near(problem, name_causes(problem, progress))
+    return problem, problem.reconsidered(ladder)
+
+
+def _named_with_stops(
+    problem: SimulatedMoves, progress: Callable[[str], None]
+) -> tuple[SimulatedMoves, Ladder[FitResult]]:
+    """The same where a servo is known. Where nothing is believed with the stops that a gross misfit seemed to show, the largest
+    cause is sought without them, and they beside it.
+    """
+    ladder = problem.reconsidered(name_causes(problem, progress))
+    gross = missed(problem.experiment, ladder.extended) > GROSS_NATS * samples(problem.experiment)
+    if ladder.steps or not gross or problem.model == problem.rig.model:
+        return problem, ladder
+    free = replace(problem, model=problem.rig.model)
+    first = name_causes(replace(free, settings=replace(problem.settings, rounds=1)), progress)
+    if not first.steps:
+        return problem, ladder
+    free = replace(free, model=free.ended(first.extended))
+    other = free.reconsidered(name_causes(free, progress))
+    return (free, other) if other.steps else (problem, ladder)
 
 
 def _near_its_refit(problem: SimulatedMoves) -> SimulatedMoves:

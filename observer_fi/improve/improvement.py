@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from observer_fi.errors import UsageError
-from observer_fi.improve.behind_loop import named_behind_loop, told
+from observer_fi.improve.behind_loop import named, told
 from observer_fi.improve.force.calculated_force import calculated_force
 from observer_fi.improve.freed.freed_equations import FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
@@ -127,8 +127,7 @@ def improve(
     campaign = campaign_readings(commanded, rig)
     taken, filters = campaign.logs, campaign.low_passes.told
     problem = simulated_moves(taken, campaign.known(with_servo(taken, rig)), moves, settings, filters)
-    problem, ladder = named_behind_loop(problem, progress)
-    ladder = problem.reconsidered(ladder)
+    problem, ladder = named(problem, progress)
     found = improvement_of(problem, ladder, progress, keep_unexplained)
     progress("what diagnose says of moves that no fit saw")
     counts = new_moves(problem, ladder, rig)

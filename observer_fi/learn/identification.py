@@ -35,7 +35,7 @@ from observer_fi.learn.move_data import share_of
 from observer_fi.learn.servo.encoder_steps import without_steps
 from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
-from observer_fi.learn.servo.servo_ticks import Ticks, with_one_age
+from observer_fi.learn.servo.servo_ticks import Ticks, are_one, with_one_age
 from observer_fi.logs import (
     LowPasses,
     log_phases,
@@ -268,8 +268,11 @@ def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
     taken, ticks = with_one_age(logs, commanded, rig, learned.parts, learned.fitted)
     if ticks:  # told again by constants that fit behind them
         fitted = _learned(taken, rig).fitted
-        taken, ticks = with_one_age(logs, commanded, rig, learned.parts, fitted)
-        logs, learned = taken, _learned(taken, rig)
+        taken, again = with_one_age(logs, commanded, rig, learned.parts, fitted)
+        # Of a fit that fails by far anything may look like ticks, but of another rate each time, or with nothing gained.
+        behind = _learned(taken, rig) if are_one(ticks, again, logs) else learned
+        stand = behind.fitted.objective < learned.fitted.objective
+        logs, learned, ticks = (taken, behind, again) if stand else (logs, learned, ())
     if not needed(learned.fitted):
         return _Read(learned, logs, LowPasses(), ticks)
     begun = _start_values(learned.material, {}, rig)

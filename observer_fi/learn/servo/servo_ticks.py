@@ -232,3 +232,11 @@ def with_one_age(
             taken[part.number] = at_one_age(logs[part.number], commanded[part.number], rig, model, ticks)
             told.append(ticks)
     return taken, tuple(told)
+
+
+def are_one(some: Sequence[Ticks], others: Sequence[Ticks], logs: Sequence[Log]) -> bool:
+    """Whether two sets of ticks have the same rates, as well as the logs tell them apart."""
+    apart = max(1.0 / float(np.ptp(log.t)) for log in logs)
+    return len(some) == len(others) and all(
+        abs(a.rate_hz - b.rate_hz) < apart for a, b in zip(some, others, strict=True)
+    )
