@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from observer_fi.errors import UsageError
-from observer_fi.improve.behind_loop import named, told
+from observer_fi.improve.behind_loop import told
 from observer_fi.improve.force.calculated_force import calculated_force
 from observer_fi.improve.freed.freed_equations import FreedEquation
 from observer_fi.improve.freed.smoothed_disturbance import SmoothedDisturbance
@@ -14,6 +14,7 @@ from observer_fi.improve.ladder import name_causes
 from observer_fi.improve.moves.judgement import MoveSettings
 from observer_fi.improve.moves.keep_curve import Kept
 from observer_fi.improve.moves.simulated_moves import simulated_moves
+from observer_fi.improve.naming import named
 from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_moves
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.fit_readings import readings_to_fit, since_change
 from observer_fi.learn.reversal_doubt import Doubt, doubt_of, no_doubt, subtract_doubt
+from observer_fi.learn.servo.shown_position import as_followed
 from observer_fi.logs import log_phases, moves_from_rest, with_command
 from observer_fi.numerics import filled
 from observer_fi.physics import Model, Rest, Rig, corners, quarters, speed
@@ -43,6 +44,7 @@ _NONE = 1e-3  # of the noise: next to no doubt at all
 _REST_DOUBT = 2.0  # standard errors of the mean of a rest
 _FIXED_POINT_STEPS = 8
 _WORTH_LANES = 3  # models at once that cost less side by side than one after another
+_PER_ROW = ("t", "theta", "z", "weight", "fine", "phase")
 MOST_ROWS = 300_000  # samples of moves that are fitted at once: three minutes of motion at 1600 Hz
 
 
@@ -57,7 +59,8 @@ class Experiment:
     values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
     the slow states. at_rest: see `Drive`. hum_hz: lines of the logger. older_s: by which voltage and current may be older than
     their rows. silent: equations that are not simulated. driven (N,): the measured current that drives a simulation in place of a
-    servo [A], empty where a servo does.
+    servo [A], empty where a servo does. shown (N,): by which the angle that the position tells is ahead of the motor's in the
+    model that such a simulation follows [rad].
     """
 
     t: Array
@@ -85,6 +88,7 @@ class Experiment:
     older_s: float = 0.0
     silent: tuple[str, ...] = ()
     driven: Array = field(default_factory=lambda: np.empty(0))
+    shown: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def moves(self) -> int:
@@ -197,10 +201,7 @@ def prepare(
             f"{logs[0].path}: no move that begins from a rest, nothing to fit; record moves, and the rest before each"
         )
     rows = [p["t"].size for p in parts]
-    stacked: dict[str, Any] = {
-        name: np.concatenate([p[name] for p in parts])
-        for name in ("t", "theta", "z", "weight", "fine", "phase")
-    }
+    stacked: dict[str, Any] = {name: np.concatenate([p[name] for p in parts]) for name in _PER_ROW}
     each: dict[str, Any] = {
         name: np.array([p[name] for p in parts])
         for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
@@ -243,7 +244,7 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     k = np.asarray(moves)
     return replace(
         experiment,
-        **{name: getattr(experiment, name)[rows] for name in ("t", "theta", "z", "weight", "fine", "phase")},
+        **{name: getattr(experiment, name)[rows] for name in (*_PER_ROW, *_of_a_loop(experiment))},
         **{
             name: getattr(experiment, name)[k]
             for name in ("log", "start", "moving", "peak", "pitch", "before", "rest")
@@ -253,6 +254,11 @@ def select(experiment: Experiment, moves: Sequence[int]) -> Experiment:
     )
 
 
+def _of_a_loop(experiment: Experiment) -> tuple[str, ...]:
+    """Fields with a number per row that only moves behind a loop have."""
+    return ("driven", "shown") if experiment.driven.size else ()
+
+
 def openings(experiment: Experiment, seconds: float) -> Experiment:
     """The experiment with the rest and the first seconds of every move only; what reversals leave open is left out."""
     begins = experiment.t[experiment.bounds[:-1] + experiment.moving]
@@ -260,7 +266,7 @@ def openings(experiment: Experiment, seconds: float) -> Experiment:
     sizes = np.bincount(experiment.owner[kept], minlength=experiment.moves)
     return replace(
         experiment,
-        **{name: getattr(experiment, name)[kept] for name in ("t", "theta", "z", "weight", "fine", "phase")},
+        **{name: getattr(experiment, name)[kept] for name in (*_PER_ROW, *_of_a_loop(experiment))},
         bounds=np.concatenate(([0], np.cumsum(sizes))).astype(np.int64),
         doubts=tuple(no_doubt(size) for size in sizes.tolist()),
     )
@@ -411,6 +417,17 @@ def run(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
     """States (N, COLUMNS) with the columns of `simulate.run`, and readings (N, 3)."""
+    states, y = run_alone(experiment, model, nuisance, ready)
+    if experiment.driven.size:
+        for rows in map(experiment.rows, range(experiment.moves)):
+            as_followed(experiment.t[rows], states[rows], model, experiment.shown[rows], y[rows])
+    return states, y
+
+
+def run_alone(
+    experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """As `run`, but of a loop that has followed the motion of this model wherever its sensor shows it."""
     p = model.vector
     now, late = commands(experiment, p) if ready is None else ready
     states = np.empty((experiment.t.size, s.COLUMNS))
@@ -493,7 +510,7 @@ def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Se
         ready = commands(experiment, models[batch[0]].vector)
         if len(batch) >= _WORTH_LANES:
             _side_by_side(
-                experiment, [models[k].vector for k in batch], [nuisances[k] for k in batch], ready, y, batch
+                experiment, [models[k] for k in batch], [nuisances[k] for k in batch], ready, y, batch
             )
             return
         for k in batch:
@@ -505,10 +522,11 @@ def simulate_each(experiment: Experiment, models: Sequence[Model], nuisances: Se
 
 
 def _side_by_side(
-    experiment: Experiment, vectors: Sequence[Array], nuisances: Sequence[Array], ready: tuple[Array, Array], y: Array,
+    experiment: Experiment, models: Sequence[Model], nuisances: Sequence[Array], ready: tuple[Array, Array], y: Array,
     at: Sequence[int],
 ) -> None:  # fmt: skip
-    """Readings of at most LANES parameter vectors into y[at]; lanes without one repeat the last."""
+    """Readings of at most LANES models into y[at]; lanes without one repeat the last."""
+    vectors = [model.vector for model in models]
     each = [_starts(experiment, p, nuisance) for p, nuisance in zip(vectors, nuisances, strict=True)]
     lane = [min(k, len(vectors) - 1) for k in range(s.LANES)]
     starts, p = np.stack([each[k] for k in lane], axis=-1), np.stack([vectors[k] for k in lane], axis=-1)
@@ -529,9 +547,11 @@ def _side_by_side(
         )  # fmt: skip
         last = states[-1]
         apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
-        for k, own, vector, behind in zip(at, apart, vectors, ahead, strict=True):
-            show(experiment.t[rows], own, ready[1][rows], vector, y[k, rows])
-            _show_late(experiment.t[rows], y[k, rows], float(behind), vector)
+        for k, own, model, behind in zip(at, apart, models, ahead, strict=True):
+            show(experiment.t[rows], own, ready[1][rows], model.vector, y[k, rows])
+            _show_late(experiment.t[rows], y[k, rows], float(behind), model.vector)
+            if experiment.driven.size:
+                as_followed(experiment.t[rows], own, model, experiment.shown[rows], y[k, rows])
 
 
 def _starts(experiment: Experiment, p: Array, nuisance: Array) -> Array:

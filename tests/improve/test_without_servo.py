@@ -71,6 +71,29 @@ def test_a_friction_that_warms_up_has_its_name_and_size(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
+@pytest.mark.parametrize(("seed", "lag"), [(859006, 0.02), (862004, 0.02)])
+def test_a_position_that_lags_has_its_name_and_size(seed: int, lag: float) -> None:
+    """Behind a loop that followed what it shows "torque over pitch" was told, or a friction beside it."""
+    found = improved("voltage", seed, effect("position_lag", lag=lag))
+    assert [one.cause for one in found.findings] == ["position_lag"] and found.unexplained == ()
+    assert found.findings[0].parameters["position_lag"].value == pytest.approx(lag, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drive", ["current", "voltage"])
+@pytest.mark.first(1)
+def test_an_offset_of_the_current_that_drives_is_declared(drive: str) -> None:
+    """It is a torque, and with a voltage that is logged an offset of this one beside it."""
+    actuator = hidden.draw_actuator(853004, drive)
+    offset = 0.1 * actuator.rig.A / actuator.rig.Km
+    found = improved(drive, 853004, effect("current_offset", offset=offset))
+    names = ["torque_offset", "voltage_offset"][: 1 if drive == "current" else 2]
+    assert sorted(one.cause for one in found.findings) == names
+    assert all("current_offset" in one.indistinguishable_from for one in found.findings)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), HEALTHY)
 @pytest.mark.first(2)
 def test_a_healthy_campaign_misses_nothing(drive: str, seed: int) -> None:

@@ -10,11 +10,14 @@ import hidden
 import numpy as np
 import pytest
 from campaigns import RIG
+from drawn_sheets import drawn_sheet
+from hidden.effects import effect
 
 from observer_fi.learn import identify
 from observer_fi.learn.identification import campaign_readings
 from observer_fi.learn.servo.servo_ticks import Ticks
-from observer_fi.logs import log_from_frame
+from observer_fi.logs import log_from_frame, with_command
+from observer_fi.physics import rig_of_sheet, with_values
 from observer_fi.records import Log
 
 EVERY_HZ = 48e3
@@ -94,3 +97,17 @@ def test_age_is_the_time_since_a_tick() -> None:
     ticks = Ticks(8000.0, 0.25)
     since = np.array([0.0, 0.25, 0.5, 0.999])
     np.testing.assert_allclose(ticks.age((17.25 + since) / 8000.0), since / 8000.0, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", [0.002, 0.02])
+def test_a_misfit_that_is_gross_makes_no_ticks(lag: float) -> None:
+    """Of a position that lags rates of 4 to 14 kHz were told, and voltage and current changed by them."""
+    actuator = hidden.draw_actuator(862000, "pi_servo")
+    spec = replace(hidden.healthy_spec(actuator), effects=(effect("position_lag", lag=lag),))
+    log = log_from_frame(hidden.actuator_log(actuator, spec, 862001)[0])
+    names = ("Rm", "Rs", "Km", "D", "Vmax", "Kp", "Ki", "J", "A", "B")
+    rig = with_values(
+        rig_of_sheet(drawn_sheet(actuator, "pi_servo")).rig, {n: getattr(actuator.rig, n) for n in names}
+    )
+    assert campaign_readings([with_command(log, rig)], rig).ticks == ()

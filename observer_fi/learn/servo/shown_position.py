@@ -1,22 +1,26 @@
 """What a loop that follows the measured position makes of a sensor that shows the mass elsewhere (`tracking_loop.py`).
 
 The loop takes what is shown for the angle of the motor. Where a sensor lags, has another gain, or play lies between it and the
-motor, it is off by e, and the simulated angle by H e with it, H = L / (s^2 + L), L as in `tracking_doubt.py`. A model with that
-sensor reads (1 - H) e more than the simulated angle, and its voltage lacks what makes the simulation go along H e.
+motor, that is off by e, and while the motor turns the simulated angle goes along by
+
+    d'' = Kp (c' - d') + Ki (c - d)   [of the current, Km / J],   c = d + low-pass(e - d),
+
+which is linear but for the rest: there friction holds the motor, and d stays. A model with that sensor reads e - d more than the
+simulated angle, and its voltage lacks what makes the simulation go along.
 """
 
 import math
 
 import numpy as np
-import scipy  # whose parts load when they are used: `fft` takes a while
+import scipy  # whose parts load when they are used: `signal` takes a second
 
-from observer_fi.learn.servo.tracking_doubt import Loop
+from observer_fi.learn.servo.tracking_doubt import SMOOTH, Loop
 from observer_fi.physics import Model
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
-_SETTLED = 12.0  # radians of the ring on either side of a move, after which the loop has forgotten it
-_MOST_ROWS = 1 << 17  # on either side of it
+_PASSES = 6  # each leaves a fifth of what the one before left open
+_AROUND = 6.0  # radians of the ring on either side of a move, in which what is shown there is taken to stay
 
 
 def shown_ahead(states: Array, model: Model, y: Array) -> Array:
@@ -30,15 +34,30 @@ def as_followed(t: Array, states: Array, model: Model, known: Array, y: Array) -
     """
     off = shown_ahead(states, model, y) - known
     off -= off[0]
-    if not off.any() or not np.isfinite(off).all():
+    turning = np.flatnonzero(states[:, s.W])
+    if turning.size < 2 or not off.any() or not np.isfinite(off).all():
         return
-    dt, loop = float(np.median(np.diff(t))), Loop.of(model)
-    pad = min(math.ceil(_SETTLED / (loop.ring * dt)), _MOST_ROWS)
-    size = scipy.fft.next_fast_len(off.size + 2 * pad, real=True)
-    E = np.fft.rfft(np.pad(off, (pad, size - off.size - pad), mode="edge"))
-    at = np.asarray(2.0 * math.pi * np.fft.rfftfreq(size, dt), dtype=np.float64)
-    L = loop.back(at)
-    followed = L / (L - at**2) * E
-    of_voltage = 1j * at * (model["Km"] + 1j * at * model["Rm"] * model["J"] / model["Km"])
-    for channel, response in ((0, of_voltage), (2, model["D"])):
-        y[:, channel] -= np.fft.irfft(response * followed, size)[pad : pad + off.size]
+    dt, m = float(np.median(np.diff(t))), model
+    d, pulled = _gone_along(off, dt, slice(int(turning[0]), int(turning[-1]) + 1), model)
+    y[:, 0] -= m["Rm"] * m["J"] / m["Km"] * pulled + m["Km"] * np.gradient(d, dt)
+    y[:, 2] -= m["D"] * d
+
+
+def _gone_along(e: Array, dt: float, turning: slice, model: Model) -> tuple[Array, Array]:
+    """(n,) angle d [rad] by which a simulation goes along e (n,) while it turns, and what the loop pulls for it [rad/s^2]."""
+    per_current = model["Km"] / model["J"]
+    Kp, Ki = per_current * model["Kp"], per_current * model["Ki"]
+    ring = Loop.of(model).ring
+    low_pass = scipy.signal.butter(2, min(SMOOTH * ring * dt / math.pi, 0.9), output="sos")
+    follows, starts = (scipy.signal.bilinear(top, [1.0, Kp, Ki], 1.0 / dt) for top in ([Kp, Ki], [Ki]))
+    pad = math.ceil(_AROUND / (ring * dt))
+    inside = slice(pad, pad + e.size)
+    d = c = np.zeros(e.size)
+    for _ in range(_PASSES):
+        c = d + scipy.signal.sosfiltfilt(low_pass, np.pad(e - d, pad, mode="edge"), padlen=0)[inside]
+        moved = c[turning] - c[turning.start]
+        d = np.zeros(e.size)
+        d[turning] = scipy.signal.lfilter(*follows, moved)
+        d[turning] += c[turning.start] * scipy.signal.lfilter(*starts, np.ones(moved.size))
+        d[turning.stop :] = d[turning.stop - 1]
+    return d, Kp * np.gradient(c - d, dt) + Ki * (c - d)

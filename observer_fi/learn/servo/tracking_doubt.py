@@ -38,6 +38,11 @@ class Loop(NamedTuple):
     ring: float
     model: Model
 
+    @classmethod
+    def of(cls, model: Model) -> "Loop":
+        """That of the gains of a model."""
+        return cls(math.sqrt(model["Ki"] * model["Km"] / model["J"]), model)
+
     def back(self, at: Array) -> NDArray[np.complex128]:
         """(k,) L at angular frequencies [rad/s], 1/s^2."""
         low_pass = 1.0 / (1.0 + (at / (SMOOTH * self.ring)) ** 4)

@@ -21,7 +21,8 @@ import scipy  # whose parts load when they are used: `signal` takes a second
 from numpy.typing import NDArray
 
 from observer_fi.errors import UsageError
-from observer_fi.learn.move_data import Experiment, run
+from observer_fi.learn.move_data import Experiment, run_alone
+from observer_fi.learn.servo.shown_position import shown_ahead
 from observer_fi.learn.servo.tracking_doubt import DAMPING, SMOOTH, Loop, tracking_doubt
 from observer_fi.numerics import runs
 from observer_fi.physics import Model, Rig, with_values
@@ -29,6 +30,8 @@ from observer_fi.physics import simulation as s
 from observer_fi.records import Array
 
 _PASSES = 8  # after which that is the motion of the model, and no longer a smoothed one
+_MOST_PASSES = 40  # where what a sensor shows settles slowly, with play of many times the noise
+_SETTLED = 0.1  # of the noise of the position: less from one pass to the next is none
 _FASTEST = 0.1  # of the samples' rate, the ring of the loop
 _RUNS_AWAY = 5.0  # times the fastest command
 _NEVER = 4.0  # times the highest voltage: no supply limits what was measured
@@ -64,7 +67,7 @@ def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
         driven=_filled_current(experiment),
     )
     near = followed(loose, model)
-    w = run(near, model, np.zeros((near.moves, 2)))[0][:, s.W]
+    w = run_alone(near, model, np.zeros((near.moves, 2)))[0][:, s.W]
     if not np.abs(w).max() < _RUNS_AWAY * _fastest(experiment):
         raise UsageError(
             f"with the constants of rig {rig.name!r} a simulation of these moves runs away: inertia J and friction A are of "
@@ -84,7 +87,7 @@ def _with_doubt(experiment: Experiment, model: Model, w: Array, every: Array) ->
 
     every: (3,) rows from one reading of a channel to the next.
     """
-    loop, weight, doubts = Loop(_ring_of(model), model), experiment.weight.copy(), []
+    loop, weight, doubts = Loop.of(model), experiment.weight.copy(), []
     for rows in map(experiment.rows, range(experiment.moves)):
         turning = np.flatnonzero(w[rows])
         weight[rows][turning[-1] + 1 if turning.size else 0 :] = 0.0
@@ -97,8 +100,10 @@ def followed(experiment: Experiment, model: Model) -> Experiment:
     """The experiment whose loop keeps a simulation of this model near what was measured."""
     turning = [_turning(experiment, k, model) for k in range(len(experiment.history))]
     own = [np.zeros(t.size) for t, _ in experiment.history]
-    for _ in range(_PASSES):
-        off = [_off(experiment, k, model, *pair) for k, pair in enumerate(zip(turning, own, strict=True))]
+    experiment = replace(experiment, shown=np.zeros(experiment.t.size))
+    for done in range(1, _MOST_PASSES + 1):
+        seen = [_seen(experiment, k, phi) for k, phi in enumerate(turning)]
+        off = [_off(experiment, k, model, *pair) for k, pair in enumerate(zip(seen, own, strict=True))]
         motion = [
             w + np.gradient(slow, t)
             for w, (slow, _), (t, _) in zip(own, off, experiment.history, strict=True)
@@ -108,10 +113,14 @@ def followed(experiment: Experiment, model: Model) -> Experiment:
             knots=tuple(_command(experiment, k, model, w) for k, w in enumerate(motion)),
             rest=_rests(experiment, model, off),
         )
-        states, _ = run(experiment, model, np.zeros((experiment.moves, 2)))
+        states, y = run_alone(experiment, model, np.zeros((experiment.moves, 2)))
         if not np.isfinite(states[:, s.W]).all():
             break
         own = [_on_the_log(experiment, k, states[:, s.W]) for k in range(len(own))]
+        shown, before = shown_ahead(states, model, y), experiment.shown
+        experiment = replace(experiment, shown=shown)
+        if done >= _PASSES and model["D"] * np.std(shown - before) < _SETTLED * experiment.noise[POSITION]:
+            break
     return experiment
 
 
@@ -137,11 +146,6 @@ def _ring(experiment: Experiment, model: Model) -> float:
     drives = (model["Km"] * noise / model["J"]) ** 2 * of_current
     sees = (experiment.noise[POSITION] / model["D"]) ** 2 * of_position
     return min((drives / sees) ** 0.25, _FASTEST / max(of_current, of_position))
-
-
-def _ring_of(model: Model) -> float:
-    """The loop's, of its gains [rad/s]."""
-    return math.sqrt(model["Ki"] * model["Km"] / model["J"])
 
 
 def _between(experiment: Experiment, channel: int) -> float:
@@ -185,6 +189,12 @@ def _turning(experiment: Experiment, log: int, model: Model) -> Array:
     return np.interp(t, experiment.t[own], experiment.z[own, POSITION]) / model["D"]
 
 
+def _seen(experiment: Experiment, log: int, phi: Array) -> Array:
+    """(n,) angle of the motor at the samples of a log, of what its position tells (n,), with the sensor of the model [rad]."""
+    own, t = experiment.log[experiment.owner] == log, experiment.history[log][0]
+    return phi - np.interp(t, experiment.t[own], experiment.shown[own]) if own.any() else phi
+
+
 def _on_the_log(experiment: Experiment, log: int, w: Array) -> Array:
     """(n,) a speed (N,) at the samples of a log, 0 between moves [rad/s]."""
     t = experiment.history[log][0]
@@ -201,7 +211,7 @@ def _off(experiment: Experiment, log: int, model: Model, phi: Array, own: Array)
     which the loop follows, and all of it.
     """
     t = experiment.history[log][0]
-    step, ring = float(np.median(np.diff(t))), _ring_of(model)
+    step, ring = float(np.median(np.diff(t))), Loop.of(model).ring
     low_pass = scipy.signal.butter(2, min(SMOOTH * ring * step / math.pi, 0.9), output="sos")
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (own[1:] + own[:-1]) * np.diff(t))))
     ahead = phi - turned

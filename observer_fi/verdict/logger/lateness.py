@@ -221,7 +221,7 @@ class _Gains:
         nats = e.density[moving].sum(axis=0) - calm * moving.sum()
         if not self.known:  # as the readings are
             self.of_a_fault = float(nats[1:].max())
-        return float(nats[0]), float(np.nanmean(nis))
+        return float(nats[0]), float(np.nanmean(nis)) if np.isfinite(nis).any() else np.nan
 
 
 def _shifted(r: float = 0.0, common: float = 0.0, position: float = 0.0) -> Lateness:
