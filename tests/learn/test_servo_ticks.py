@@ -101,6 +101,7 @@ def test_age_is_the_time_since_a_tick() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.002, 0.02])
+@pytest.mark.first(1)
 def test_a_misfit_that_is_gross_makes_no_ticks(lag: float) -> None:
     """Of a position that lags rates of 4 to 14 kHz were told, and voltage and current changed by them."""
     actuator = hidden.draw_actuator(862000, "pi_servo")

@@ -81,6 +81,7 @@ def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
     ],
     ids=lambda held: "+".join(column for column, _ in held),
 )
+@pytest.mark.first(2)
 def test_readings_that_are_held_leave_the_noise_too(held: tuple[tuple[str, int], ...]) -> None:
     """A current held beside a voltage that is not left three times the noise: it jumps between two of its readings."""
     rough, slow = left(problem("voltage", 853001, held=held))
@@ -114,6 +115,7 @@ def shown_elsewhere(drive: str, seed: int) -> dict[str, tuple[Effect, dict[str, 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["lag", "delay", "gain", "play"])
 @pytest.mark.parametrize(("drive", "seed"), [("voltage", 853001), ("current", 853002), SHORT])
+@pytest.mark.first(4)
 def test_a_loop_that_knows_the_sensor_leaves_the_noise(drive: str, seed: int, what: str) -> None:
     """It follows where the motor is, and not where its position shows it; what it left was told of other equations."""
     hidden_one, known = shown_elsewhere(drive, seed)[what]
@@ -130,6 +132,7 @@ def test_a_loop_that_knows_the_sensor_leaves_the_noise(drive: str, seed: int, wh
     ("drive", "seed", "what"),
     [("voltage", 853001, "lag"), ("voltage", 853001, "gain"), ("current", 853002, "gain")],
 )
+@pytest.mark.first(1)
 def test_what_a_sensor_shows_moves_a_loop_that_does_not_know_it(drive: str, seed: int, what: str) -> None:
     """So well that the score of a cause is of the right size: a tenth is left of what is missed without it."""
     hidden_one, known = shown_elsewhere(drive, seed)[what]
