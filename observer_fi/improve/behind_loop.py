@@ -64,7 +64,7 @@ def _near_a_sensor(problem: SimulatedMoves) -> tuple[SimulatedMoves, bool] | Non
         return None
     best = {c.cause.name: c for c in reversed(candidates) if c.gain > _LEADS * most}
     shown = [c for c in best.values() if c.cause.equation in _SHOWN]
-    tried = [found for c in shown for found in [_followed_with(problem, c)] if found is not None]
+    tried = [pair for pair in (_followed_with(problem, c) for c in shown) if pair is not None]
     if not tried:
         return None
     near, fitted = min(tried, key=lambda pair: pair[1].objective)

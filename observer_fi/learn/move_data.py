@@ -427,7 +427,7 @@ def run(
 def run_alone(
     experiment: Experiment, model: Model, nuisance: Array, ready: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array]:
-    """As `run`, but of a loop that has followed the motion of this model wherever its sensor shows it."""
+    """As `run`, but of a loop that has followed the motor of this model, wherever its sensor shows the mass."""
     p = model.vector
     now, late = commands(experiment, p) if ready is None else ready
     states = np.empty((experiment.t.size, s.COLUMNS))
@@ -547,9 +547,9 @@ def _side_by_side(
         )  # fmt: skip
         last = states[-1]
         apart = np.ascontiguousarray(np.moveaxis(states, 2, 0)[: len(vectors)])
-        for k, own, model, behind in zip(at, apart, models, ahead, strict=True):
-            show(experiment.t[rows], own, ready[1][rows], model.vector, y[k, rows])
-            _show_late(experiment.t[rows], y[k, rows], float(behind), model.vector)
+        for k, own, model, vector, behind in zip(at, apart, models, vectors, ahead, strict=True):
+            show(experiment.t[rows], own, ready[1][rows], vector, y[k, rows])
+            _show_late(experiment.t[rows], y[k, rows], float(behind), vector)
             if experiment.driven.size:
                 as_followed(experiment.t[rows], own, model, experiment.shown[rows], y[k, rows])
 

@@ -128,16 +128,21 @@ def test_a_loop_that_knows_the_sensor_leaves_the_noise(drive: str, seed: int, wh
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("drive", "seed", "what"),
-    [("voltage", 853001, "lag"), ("voltage", 853001, "gain"), ("current", 853002, "gain")],
-)
-@pytest.mark.first(1)
-def test_what_a_sensor_shows_moves_a_loop_that_does_not_know_it(drive: str, seed: int, what: str) -> None:
-    """So well that the score of a cause is of the right size: a tenth is left of what is missed without it."""
+@pytest.mark.parametrize(("drive", "seed"), [*CASES, SHORT])
+@pytest.mark.parametrize("what", ["lag", "delay", "gain"])
+@pytest.mark.first(2)
+def test_a_loop_that_does_not_know_the_sensor_scores_it_with_its_size(
+    drive: str, seed: int, what: str
+) -> None:
+    """Within a factor of two: a loop goes along with most of what a sensor shows, and what it leaves looks far smaller."""
     hidden_one, known = shown_elsewhere(drive, seed)[what]
     one = problem(drive, seed, (hidden_one,))
-    assert left(one, **known)[1] < 0.12 * left(one)[1]
+    ((name, value),) = known.items()
+    neutral, still = one.rig.model[name], np.zeros((one.experiment.moves, 2))
+    tenth = with_values(one.rig, {name: neutral + 0.1 * (value - neutral)})
+    r, near = (residuals(one.experiment, rig.model, still) for rig in (one.rig, tenth))
+    column = 10.0 * (r - near)
+    assert 0.5 < float(np.sum(r * column) / np.sum(column**2)) < 2.0
 
 
 def test_the_current_counts_no_more_and_is_in_the_noise_of_the_voltage() -> None:
