@@ -1,5 +1,6 @@
 """What every test shares: the same hypothesis examples each run, the recorded logs if any."""
 
+import math
 import os
 from collections import Counter
 from functools import cache
@@ -38,14 +39,20 @@ def not_on_new_moves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked `first(n)`, the cases behind the n-th are slow, or studies where the test itself is slow."""
+    """Of a test marked `first(n)`, the cases behind the n-th are slow, or studies where the test itself is slow.
+
+    first(n, m): of a test that is not slow, those behind the m-th are studies.
+    """
     seen: Counter[str] = Counter()
     for item in items:
         mark = item.get_closest_marker("first")
         name = item.nodeid.partition("[")[0]
         seen[name] += 1
-        if mark is not None and seen[name] > mark.args[0]:
-            item.add_marker(pytest.mark.study if item.get_closest_marker("slow") else pytest.mark.slow)
+        if mark is None or seen[name] <= mark.args[0]:
+            continue
+        if item.get_closest_marker("slow") or seen[name] > max(mark.args[1:], default=math.inf):
+            item.add_marker(pytest.mark.study)
+        item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not there

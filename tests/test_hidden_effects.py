@@ -45,6 +45,7 @@ def test_nothing_hidden_nothing_found():
     assert hide((), 0.0)["found"] == []
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_what_has_no_name_stays_without_one():
     row = hide(("torque_bump",), 3.0)
@@ -64,7 +65,7 @@ def test_two_at_once():
     ("cause", "seed"),  # the study reports many seeds
     [(c, 4201 + k % 2) for k, c in enumerate(hidden.CAUSES) if c != "gravity_nonlinearity"],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_every_cause_is_found_at_three_times_the_detectable_size(cause, seed):
     assert any(cause in names for names in named(cause, seed))
 
@@ -124,6 +125,7 @@ def test_a_stop_that_only_a_missing_cause_asked_for_is_taken_back():
     assert row["gain_share"] > 0.95
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.first(1)
 @pytest.mark.parametrize(

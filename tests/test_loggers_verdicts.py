@@ -106,7 +106,7 @@ ONCE_WRONG = (
 
 
 @pytest.mark.parametrize(("name", "label", "seed"), ONCE_WRONG)
-@pytest.mark.first(5)
+@pytest.mark.first(2, 4)
 def test_what_a_logger_does_is_no_fault(name: str, label: str, seed: int) -> None:
     answer = said(name, label, seed)
     assert answer.right, answer.words
@@ -130,6 +130,7 @@ FAILS_BEHIND = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "channel", "name", "seed"), FAILS_BEHIND)
+@pytest.mark.first(1)
 def test_a_sensor_that_freezes_behind_coarse_steps_is_named(
     kind: str, channel: str, name: str, seed: int
 ) -> None:
@@ -156,6 +157,7 @@ def test_a_drive_that_goes_off_while_the_motor_rings_is_no_fault(
     assert outcome.isolation is not None and outcome.isolation.verdict.label == "nominal"
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.01, 0.03, 0.08])
 @pytest.mark.first(1)

@@ -103,6 +103,7 @@ def test_the_room_does_not_take_the_place_of_the_function() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss"])
+@pytest.mark.first(1)
 def test_path_frame_and_log_give_one_verdict_with_or_without_the_command(label: str) -> None:
     path = DATA / f"{label}_steady.csv.gz"
     log = read_log(path)
@@ -185,6 +186,7 @@ FOREIGN = {"time_s": "t", "current_a": {"header": "I [mA]", "unit": "mA"}, "posi
 
 
 @pytest.mark.parametrize("kind", ["dict", "file", "map"])
+@pytest.mark.first(1)
 def test_columns_of_a_frame_map_as_those_of_a_file_do(kind: str, tmp_path: Path) -> None:
     log = read_log(DATA / "overload_steady.csv.gz")
     names = {"time_s": "t", "current_a": "I [mA]", "position_m": "x"}

@@ -400,8 +400,9 @@ class Diagnosis:
 
     def _ask_moves(self, events: Iterable[Event]) -> None:
         """The last word on moves that have ended, while their samples are at hand."""
+        at_hand = -math.inf if self.memory.recent is None else float(self.memory.recent.t[0])
         for event in events:
-            if event.start_s in self.told or self._is_foreign(event):
+            if event.end_s < at_hand or event.start_s in self.told or self._is_foreign(event):
                 continue
             self.fitted = self.fitted or self._fits_at_first(event)
             doubting = self.last_word.doubting(event, self.memory)

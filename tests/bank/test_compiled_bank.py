@@ -371,6 +371,7 @@ def mean_nees(off: np.ndarray, P: np.ndarray, states: list[int]) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.first(1)
 def test_filters_know_how_wrong_they_are(kind: str) -> None:
     """NEES of w, I, x and NIS of 20 healthy rigs, each with its own friction, against chi-square bounds.
 

@@ -172,14 +172,14 @@ def consistent(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_what_the_bank_once_left_out_is_carried(name: str) -> None:
     consistent(name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in FAST])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> None:
     consistent(name)
 
@@ -187,7 +187,7 @@ def test_a_log_made_with_an_effect_and_judged_with_it_is_healthy(name: str) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 @pytest.mark.parametrize("name", FAST)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_both_engines_carry_the_same(name: str, kind: str) -> None:
     """Over a start, a stop and a start back, with a coupling loss in it, 250 samples."""
     profile = hidden.there_and_back((410.0,), (0.05,), (5.0,), 0.01, 0.03)

@@ -75,6 +75,7 @@ def log_imm(filters: list[Observer], hypotheses: tuple[Hypothesis, ...], mu: lis
         (3, "overload", 400.0),
     ],
 )
+@pytest.mark.first(1, 2)
 def test_both_engines_say_the_same(seed: int, label: str, rate_hz: float, kind: str) -> None:
     """Around the onset and with missing readings; the start of the move where nothing happens."""
     first = 0.28 if label == "nominal" else onset(seed, label) - 0.04
@@ -112,7 +113,7 @@ def test_both_engines_say_the_same_of_a_slow_log_whose_servo_nobody_knows(voltag
     ("kind", "seconds"), [("ekf", 0.6), ("ukf", 0.5), pytest.param("ekf", 3.4, marks=pytest.mark.study)]
 )
 @pytest.mark.parametrize("name", SAMPLES)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_both_engines_agree_on_the_sample_logs(name: str, kind: str, seconds: float) -> None:
     log = read_log(DATA / f"{name}.csv.gz")
     log = cut(log, log.t[0], log.t[0] + seconds)
@@ -133,6 +134,7 @@ SLOW_ENGINES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.first(1)
 @pytest.mark.parametrize(
     ("name", "kind"),

@@ -63,6 +63,7 @@ def test_a_log_that_begins_under_way_tells_nothing_of_it() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["sine", "without_rests"])
+@pytest.mark.first(1)
 def test_a_motor_that_holds_more_than_the_rig_file_says_is_healthy(shape: str) -> None:
     """Friction 20 % above the rig file and a held current near it: the bank saw the motor creep, and gravity paid for it."""
     spec = hidden.draw_severity_case(130013, "nominal", shape)
@@ -121,6 +122,7 @@ def test_a_speed_that_no_voltage_tells_is_in_doubt_by_all_of_the_command(command
 
 
 @pytest.mark.parametrize("seed", range(1_300_000, 1_300_004))
+@pytest.mark.first(1, 2)
 def test_a_healthy_log_that_begins_under_way_without_a_voltage_is_healthy(seed: int) -> None:
     """Two of these were a failed current sensor for sure, one not tested."""
     frame = hidden.make_log_with("no_voltage+mid_move", hidden.draw_move_case(seed, "nominal"), seed)[0]

@@ -49,6 +49,7 @@ def run(capsys: pytest.CaptureFixture[str]):
     return go
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_what_a_logger_hides_is_told_above_the_verdict(run, tmp_path: Path) -> None:
     table = pd.read_csv(sample("overload_steady"), comment="#")
@@ -67,7 +68,7 @@ def test_what_a_logger_hides_is_told_above_the_verdict(run, tmp_path: Path) -> N
     assert [f"held: warning: {sentence}" for sentence in told["warnings"]] == warnings
 
 
-@pytest.mark.first(6)
+@pytest.mark.first(3, 6)
 @pytest.mark.parametrize("name", SAMPLES)
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_sample_logs_get_the_right_verdict(name: str, kind: str, run, tmp_path: Path) -> None:

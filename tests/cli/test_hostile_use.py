@@ -151,6 +151,7 @@ def test_a_bug_over_one_log_stops_no_other(
         main(["diagnose", "b.csv"])
 
 
+@pytest.mark.slow
 def test_a_name_that_is_no_text_has_its_report() -> None:
     log = put(b"m\xfcll.csv")
     ran = subprocess.run(

@@ -10,6 +10,7 @@ from fuzz_readers import TARGETS, fuzz  # noqa: E402
 
 
 @pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.first(6, 7)
 def test_mutated_inputs_are_read_or_refused(target: str) -> None:
     outcomes = fuzz(target, 150, seed=7)
     assert not [outcome for outcome in outcomes if outcome.startswith("FIND")], outcomes

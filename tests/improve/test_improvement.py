@@ -33,6 +33,7 @@ def sticky() -> Improvement:
     return improve([campaign(plant, seed=4)], RIG)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_a_parameter_that_only_moved_is_no_finding(control):
     assert control.findings == ()
@@ -41,6 +42,7 @@ def test_a_parameter_that_only_moved_is_no_finding(control):
     assert control.refit["A"].prior == RIG.model["A"]
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_the_hidden_friction_is_named_with_its_size(sticky):
     assert [f.cause for f in sticky.findings] == ["viscous_friction"]

@@ -29,6 +29,7 @@ def rippled() -> Improvement:
     return improved(7402, "screw_ripple", 40.0)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_the_rig_that_does_best_on_new_moves_is_handed_over(rippled: Improvement) -> None:
     found = rippled.new_moves
@@ -124,7 +125,7 @@ def test_a_misfit_without_a_name_is_never_passed_over(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", range(7421, 7425))
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_controls_leave_nothing_unexplained(seed: int) -> None:
     found = improved(seed, None, 0.0)
     assert found.findings == () and found.unexplained == ()

@@ -95,7 +95,7 @@ def test_an_offset_of_the_current_that_drives_is_declared(drive: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), HEALTHY)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_healthy_campaign_misses_nothing(drive: str, seed: int) -> None:
     found = improved(drive, seed)
     assert found.findings == ()

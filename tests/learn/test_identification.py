@@ -178,6 +178,7 @@ def widths(profile: hidden.Profile, seed: int) -> dict[str, float]:
 
 @pytest.mark.parametrize("trait, wider", [("missing_rows", 1.1), ("milliseconds", 1.8), ("hum_50hz", 1.2)])
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.first(3)
 def test_through_a_logger_as_it_is_the_rig_is_the_same(trait: str, wider: float, seed: int):
     """And its intervals hardly wider: half of the rows of 1600 Hz are left in milliseconds."""
     profile = hidden.there_and_back((410.0, 300.0), (0.6, 0.6), (0.0, 8.0))

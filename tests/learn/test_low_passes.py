@@ -40,6 +40,7 @@ def test_constants_behind_a_filter_are_those_of_the_rig() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("channels, hz, order", [((1,), 10.0, 2), ((1,), 100.0, 2), ((0, 1), 30.0, 2)])
+@pytest.mark.first(1)
 def test_so_they_are_behind_others(channels: tuple[int, ...], hz: float, order: int) -> None:
     has_the_constants(channels, hz, order)
 
@@ -56,7 +57,7 @@ def has_the_constants(channels: tuple[int, ...], hz: float, order: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cause", sorted(hidden.CAUSES)[::3])
-@pytest.mark.first(4)
+@pytest.mark.first(1)
 def test_no_cause_is_a_filter(cause: str) -> None:
     assert told_of(cause) == ()
 
@@ -138,6 +139,7 @@ def test_zero_offsets_are_no_filter(offsets: tuple[float, float], seed: int) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.first(2)
 def test_zero_offsets_hide_no_filter(seed: int) -> None:
     log = log_of(PROFILE, seed=seed)
     found = found_in(behind(replace(log, z=log.z + [0.0, 8e-3, 0.0]), (1,), 100.0, 2))
@@ -147,6 +149,7 @@ def test_zero_offsets_hide_no_filter(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "seed"), [(0.2, 0), (0.4, 1), (2.0, 2), (5.0, 0)])
+@pytest.mark.first(1)
 def test_constants_beside_a_late_current_are_those_of_the_rig(samples: float, seed: int) -> None:
     """A fifth of a sample makes Kp 1 % wrong."""
     fit = identify([late(("current",), samples, seed, PROFILE)], RIG)

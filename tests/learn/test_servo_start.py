@@ -62,6 +62,7 @@ def test_a_command_counts_from_the_first_move_of_its_goal() -> None:
 
 @pytest.mark.parametrize("seed", [400012, 400015])
 @pytest.mark.slow
+@pytest.mark.first(1)
 def test_a_position_loop_that_goes_on_in_its_rests_moves_no_gain(seed: int) -> None:
     """The current of a rest is none of the start, and a step of the encoder none of the command: gains were 8 to 17 std off."""
     actuator, rig, log = learnt_from(seed, "position_servo")
@@ -104,6 +105,7 @@ def test_torques_of_a_log_without_a_voltage_are_as_good_as_the_makers_constant(s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [61005, 61009, 61013])
+@pytest.mark.first(1)
 def test_a_position_servo_is_learnt_from_its_data_sheet(seed: int) -> None:
     actuator, rig, log = learnt_from(seed, "position_servo")
     fit: Fit = identify([log], rig)

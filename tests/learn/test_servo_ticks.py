@@ -49,7 +49,7 @@ def off_by(log: Log, spec: hidden.TruthSpec) -> np.ndarray:
         (1000.0, 1500.0),
     ],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_ticks_that_a_log_does_not_divide_are_found(rate_hz: float, servo_hz: float) -> None:
     log, spec = drawn(871001, rate_hz, servo_hz)
     (ticks,) = campaign_readings([log], RIG).ticks
@@ -71,7 +71,7 @@ def test_ticks_are_found_behind_a_fit_that_is_far_off(cause: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [250.0, 1000.0, 1600.0, 4000.0])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_log_whose_samples_are_as_old_as_each_other_stays_as_it_is(rate_hz: float) -> None:
     log, _ = drawn(871002, rate_hz)
     campaign = campaign_readings([log], RIG)
@@ -80,6 +80,7 @@ def test_a_log_whose_samples_are_as_old_as_each_other_stays_as_it_is(rate_hz: fl
     np.testing.assert_array_equal(campaign.logs[0].z, log.z)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.first(1)
 @pytest.mark.parametrize("seed", [871010, 871020, 871030])

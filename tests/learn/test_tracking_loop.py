@@ -63,6 +63,7 @@ def left(one: SimulatedMoves, **values: float) -> tuple[float, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), [*CASES, SHORT])
+@pytest.mark.first(1)
 def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
     """Of moves longer and shorter than the loop is slow, and whatever share of the voltage's noise the current's is."""
     rough, slow = left(problem(drive, seed))
@@ -81,7 +82,7 @@ def test_true_constants_leave_the_noise(drive: str, seed: int) -> None:
     ],
     ids=lambda held: "+".join(column for column, _ in held),
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_readings_that_are_held_leave_the_noise_too(held: tuple[tuple[str, int], ...]) -> None:
     """A current held beside a voltage that is not left three times the noise: it jumps between two of its readings."""
     rough, slow = left(problem("voltage", 853001, held=held))
@@ -115,7 +116,7 @@ def shown_elsewhere(drive: str, seed: int) -> dict[str, tuple[Effect, dict[str, 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["lag", "delay", "gain", "play"])
 @pytest.mark.parametrize(("drive", "seed"), [("voltage", 853001), ("current", 853002), SHORT])
-@pytest.mark.first(4)
+@pytest.mark.first(1)
 def test_a_loop_that_knows_the_sensor_leaves_the_noise(drive: str, seed: int, what: str) -> None:
     """It follows where the motor is, and not where its position shows it; what it left was told of other equations."""
     hidden_one, known = shown_elsewhere(drive, seed)[what]
@@ -130,7 +131,7 @@ def test_a_loop_that_knows_the_sensor_leaves_the_noise(drive: str, seed: int, wh
 @pytest.mark.slow
 @pytest.mark.parametrize(("drive", "seed"), [*CASES, SHORT])
 @pytest.mark.parametrize("what", ["lag", "delay", "gain"])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_loop_that_does_not_know_the_sensor_scores_it_with_its_size(
     drive: str, seed: int, what: str
 ) -> None:
@@ -145,6 +146,7 @@ def test_a_loop_that_does_not_know_the_sensor_scores_it_with_its_size(
     assert 0.5 < float(np.sum(r * column) / np.sum(column**2)) < 2.0
 
 
+@pytest.mark.slow
 def test_the_current_counts_no_more_and_is_in_the_noise_of_the_voltage() -> None:
     drive, seed = CASES[0]
     one = problem(drive, seed)

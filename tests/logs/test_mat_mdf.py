@@ -124,6 +124,7 @@ def test_a_reader_that_dies_is_one_line(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("suffix", ["mat", "73.mat", "mf4", "mdf"])
 @pytest.mark.parametrize("spoil", ["cut", "noise", "head", "flipped"])
+@pytest.mark.first(6, 11)
 def test_a_damaged_file_is_one_line(suffix: str, spoil: str, tmp_path: Path) -> None:
     path = tmp_path / f"run.{suffix}"
     if suffix == "mat":

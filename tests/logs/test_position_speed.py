@@ -27,6 +27,7 @@ def test_the_slope_is_the_speed_within_its_noise() -> None:
 
 @pytest.mark.parametrize("begins_s", [0.0, 1e6])
 @pytest.mark.parametrize("every_s", [0.01, 0.025, 1 / 60])
+@pytest.mark.first(3)
 def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: float, begins_s: float) -> None:
     spec = healthy_spec(ACTUATOR)
     frame, _ = actuator_log(ACTUATOR, spec, 3)

@@ -81,6 +81,7 @@ def on_rows(function: Any, names: list[str], outs: int) -> Callable[..., None]:
 
 @pytest.mark.skipif(not EQUATIONS, reason="numba is switched off")
 @pytest.mark.parametrize("function", EQUATIONS, ids=lambda f: f.py_func.__name__)
+@pytest.mark.first(17)
 def test_equations_on_rows(function: Any) -> None:
     """To rounding of each number by itself; the rows mix plants, corners of the equations and standstill."""
     names, p = list(inspect.signature(function.py_func).parameters), plants()

@@ -136,6 +136,7 @@ def test_a_rig_driven_by_force_takes_none(tmp_path: Path):
         load_rig(path)
 
 
+@pytest.mark.study
 @pytest.mark.slow
 @pytest.mark.usefixtures("not_on_new_moves")
 def test_what_no_cause_explains_is_kept_and_reaches_the_noise():

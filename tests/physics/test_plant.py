@@ -33,7 +33,7 @@ def run(rule, m: plant.Motion, p: np.ndarray, w_cmd: float, seconds: float, step
     "effects",
     [{}, {"current_lag": 2e-3}, {"current_lag": 2e-3, "lag_behind_limit": 1.0}, {"integrator_limit": 0.5}],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_both_rules_come_to_the_same_motion(effects: dict[str, float]) -> None:
     """From rest through break-away, saturation and, where there is one, the clamp, which no rule sees before it is there."""
     p = override(PLANT, "nominal", **effects).vector

@@ -83,6 +83,7 @@ def test_tables_count_what_was_said() -> None:
     )
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_the_recipe_writes_its_report(tmp_path: Path) -> None:
     given = ["--moves", "2", "--traits", "noise_3", "--failing", "0", "--campaigns", "1", "--combined", "1"]

@@ -37,6 +37,7 @@ def test_a_log_has_the_columns_and_steps_of_its_drive() -> None:
     assert np.abs(steps - np.round(steps)).max() < 1e-3
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_one_actuator_from_data_sheet_to_report(tmp_path: Path) -> None:
     out = tmp_path / "rigs.md"

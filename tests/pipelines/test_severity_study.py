@@ -83,6 +83,7 @@ def test_the_recipe_writes_a_row_a_move_and_its_table(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed", "much"), [("jam", 210001, True), ("in_a_start", 210010, False)])
+@pytest.mark.first(1)
 def test_what_the_filters_of_the_bank_gain_by_the_true_fault(kind: str, seed: int, much: bool) -> None:
     """In a start they still learn the friction that rises, which truths that know every constant tell apart."""
     spec = drawn(Job(kind, seed))

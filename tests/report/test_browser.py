@@ -195,6 +195,7 @@ def drag(page: Any, chart: int, begin: float, end: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.first(2)
 def test_a_page_opens_without_errors_and_without_a_network(opened: Any, kind: str) -> None:
     page, errors = opened(kind)
     assert errors == []

@@ -53,6 +53,7 @@ def overload() -> Outcome:
     return diagnosed("overload")
 
 
+@pytest.mark.first(2, 4)
 def test_report_json_has_the_keys_of_the_contract_in_its_order(outcome: Outcome) -> None:
     result = json.loads(report.json_text(report.report_dict(outcome)))
     top = ["schema", "log", "verdict", "posterior", "open_loop", "consistency", "explanation"]

@@ -86,6 +86,7 @@ def test_a_stream_ends_in_the_verdict_of_the_whole_log(name: str, label: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["position_100hz", "voltage_late+offsets", "hum_50hz"])
+@pytest.mark.first(1)
 def test_the_size_of_batches_does_not_matter(name: str) -> None:
     log = through(name, "coupling_loss", 7611)
     ends = [streamed(log, batch) for batch in BATCHES]
@@ -302,6 +303,7 @@ def test_a_healthy_reversal_without_a_pitch_is_healthy(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", pytest.param("coupling_loss", marks=pytest.mark.slow)])
+@pytest.mark.first(1)
 def test_a_fault_is_told_without_a_pitch_or_not_for_sure_another(label: str) -> None:
     verdict, _ = told_without_pitch(99_760_102, label, "without_rests")
     assert verdict.label == label or verdict.probability <= 0.5

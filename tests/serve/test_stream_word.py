@@ -53,6 +53,7 @@ def test_it_is_told_at_the_same_sample_whatever_the_batches() -> None:
     assert streamed(JAM, 64)[1] == streamed(JAM, 1000)[1]
 
 
+@pytest.mark.slow
 def test_a_coupling_that_let_go_for_a_while_is_no_all_clear_of_a_stream() -> None:
     live, told = streamed(hidden.Fault("coupling_loss", 1.7, duration_s=0.3), 64)
     verdict = live.verdict()
@@ -80,6 +81,7 @@ def test_a_fault_long_before_the_end_of_its_move_is_asked_about_while_it_is_reme
     assert told[-1][0] < long.moves[0].brake_s
 
 
+@pytest.mark.slow
 def test_a_slip_is_told_from_a_sensor_by_the_rest_after_the_move() -> None:
     live, told = streamed(hidden.Fault("slip", 1.5, size=0.3), 64)
     assert live.verdict().label == told[-1][1] == "slip"

@@ -143,7 +143,7 @@ def test_the_command_between_samples_is_the_trapezoid() -> None:
     "kind, channel", [("none", None), ("coupling_loss", None), ("sensor_frozen", "current")]
 )
 @pytest.mark.parametrize("batch", [1, 7, 10_000])
-@pytest.mark.first(5)
+@pytest.mark.first(1, 3)
 def test_live_posterior_is_the_offline_posterior(kind: str, channel: str | None, batch: int) -> None:
     log = sample_log(kind, channel)
     expected, e = offline(log)
@@ -302,6 +302,7 @@ USABLE = [s for s in scenarios.SCENARIOS if not s.error]
 
 
 @pytest.mark.parametrize("scenario", USABLE, ids=lambda s: s.name)
+@pytest.mark.first(19, 31)
 def test_spoilt_text_logs_stream_as_they_are_read(scenario: scenarios.Scenario, tmp_path: Path) -> None:
     path, columns = scenario.write(tmp_path), scenario.column_map(tmp_path)
     if path.suffix not in (".csv", ".txt", ".tsv", ".dat"):
@@ -414,6 +415,7 @@ def test_every_move_has_its_verdict_and_faults_are_counted() -> None:
     assert flow.faulty == 1 and flow.moves == 2
 
 
+@pytest.mark.study
 @pytest.mark.slow
 def test_eighty_moves_leave_no_object_behind() -> None:
     """What is held after 20 moves is what is held after 80, each of 1600 samples."""

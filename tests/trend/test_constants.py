@@ -42,6 +42,7 @@ def test_no_play_scatters_about_zero_as_little_as_its_reversal_tells():
 
 @pytest.mark.parametrize("speed", [205.0, 410.0])
 @pytest.mark.slow
+@pytest.mark.first(1)
 def test_play_does_not_drag_the_travel_per_turn_along(speed):
     for seed in range(109220, 109223):
         tight, loose = (told(speed, 2.0, seed, width)[0]["D"] for width in (0.0, 8e-5))

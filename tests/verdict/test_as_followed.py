@@ -186,7 +186,7 @@ def rounded_to(step: float, log: Log) -> Log:
 @pytest.mark.parametrize(
     ("shape", "step"), [("uneven", 1.0472), ("s_curve", 5.0), ("sine", 20.0), ("uneven", 5.0)]
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_soft_command_that_is_rounded_is_not_what_the_servo_followed(shape: str, step: float) -> None:
     """Of 75 such moves 22 were sure and wrong while the servo was asked, most of them behind a filter that no log had."""
     for seed, label in ((99_780_310, "nominal"), (99_780_311, "coupling_loss")):

@@ -83,7 +83,7 @@ CHUNKED = (
 
 @pytest.mark.parametrize("name", CHUNKED)
 @pytest.mark.parametrize("size", [1, 7, 500])
-@pytest.mark.first(6)
+@pytest.mark.first(2)
 def test_chunks_make_no_difference_to_readings(name: str, size: int) -> None:
     log = through(name)
     log = replace(log, t=log.t[:2000], z=log.z[:2000], w_cmd=log.w_cmd[:2000], pitch=log.pitch[:2000])
@@ -174,6 +174,7 @@ def test_lines_of_held_readings_stay_in_them() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["coloured", "coloured+position_late"])
+@pytest.mark.first(1)
 def test_noise_that_wanders_is_no_filter(name: str) -> None:
     """A filter makes its noise white, which gained a thousand nats: in the rest as in the motion."""
     for seed in range(8302, 8306):

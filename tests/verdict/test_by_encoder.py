@@ -71,6 +71,7 @@ def test_an_encoder_that_goes_with_the_mass_refutes_that_it_slips(label: str, ga
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])
 @pytest.mark.parametrize("gain", [4.0, -3.0])
 @pytest.mark.parametrize("seed", [872001, 872002])
+@pytest.mark.first(3, 6)
 def test_nor_is_it_a_voltage_that_lies_where_a_current_does(label: str, gain: float, seed: int) -> None:
     """Of the paper's motor a current takes little of the voltage: its gain must be gross to say how far the mass went."""
     told = then(Case(seed, "jam", "current", gain), label)
@@ -80,7 +81,7 @@ def test_nor_is_it_a_voltage_that_lies_where_a_current_does(label: str, gain: fl
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])
 @pytest.mark.parametrize("seed", [872003, 872004])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_one_that_goes_with_the_circuit_lets_it_slip(label: str, seed: int) -> None:
     case = Case(seed, label)
     assert then(case, label).label == label
@@ -103,6 +104,7 @@ def test_without_an_encoder_nothing_changes() -> None:
 
 @pytest.mark.parametrize("scale", [0.0, 180.0 / np.pi, -1.0, np.nan])
 @pytest.mark.parametrize("label", ["slip", "coupling_loss"])
+@pytest.mark.first(1, 4)
 def test_an_encoder_that_is_dead_or_counts_otherwise_refutes_nothing(label: str, scale: float) -> None:
     """A mass that stops beside an encoder that stands seemed to go with it."""
     case = Case(872003, label)

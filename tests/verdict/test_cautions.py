@@ -165,6 +165,7 @@ def test_an_ideal_log_has_no_warnings(label: str) -> None:
         ("voltage_late", "later than the other channels"),
     ],
 )
+@pytest.mark.first(4)
 def test_what_a_logger_hides_is_told_with_the_verdict(name: str, words: str) -> None:
     assert any(words in sentence for sentence in warned(name, "nominal", 7612))
 

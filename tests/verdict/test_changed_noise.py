@@ -23,6 +23,7 @@ def said_of(trait: str, spec, seed: int) -> Event:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [5_910_000, 5_910_001, 5_910_002])
+@pytest.mark.first(1)
 def test_a_burst_of_noise_behind_a_wandering_baseline_is_a_failing_sensor(seed: int) -> None:
     spec = draw_failing_case(seed, "noise_burst", "voltage", 3.0)
     said = said_of("wandering", spec, seed)
@@ -62,6 +63,7 @@ def test_noise_that_grows_under_way_is_another_range_or_a_failing_sensor() -> No
 @pytest.mark.parametrize(
     "trait", ["wandering", "coloured", "hum_60hz", "noise_3", "missing_rows", "steps_3_all"]
 )
+@pytest.mark.first(2)
 def test_a_healthy_move_stays_one(trait: str) -> None:
     said = said_of(trait, draw_move_case(5_910_005, "nominal"), 5_910_005)
     assert said.label == "nominal" and said.probability > SURE

@@ -104,7 +104,7 @@ def test_a_motor_that_nothing_drives_is_said_to_be_dead(kind: str, onset_s: floa
         (840_035, "saturation"),
     ],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_voltage_sensor_that_fails_is_still_one(seed: int, kind: str) -> None:
     spec = draw_failing_case(seed, kind, "voltage", 3.0)
     found = verdict(told(spec, seed))

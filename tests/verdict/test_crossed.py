@@ -43,7 +43,7 @@ def named(event: Event, label: str) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind", "shape", "logger", "day"), CROSSED)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_what_was_told_as_another_thing_for_sure_is_among_what_is_told(
     seed: int, kind: str, shape: str, logger: str, day: str
 ) -> None:
@@ -53,6 +53,7 @@ def test_what_was_told_as_another_thing_for_sure_is_among_what_is_told(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["frozen_noisy", "drift"])
+@pytest.mark.first(1)
 def test_a_current_that_fails_in_a_log_which_begins_in_motion_has_no_offset(kind: str) -> None:
     """Its only rest is behind the failure."""
     said = [verdict(draw_failing_case(seed, kind, "current", 3.0), "mid_move", seed) for seed in SEEDS]

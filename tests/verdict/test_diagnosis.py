@@ -54,6 +54,7 @@ def alike(one: Outcome, two: Outcome) -> None:
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda s: s.name)
+@pytest.mark.first(12, 30)
 def test_every_scenario_gets_its_verdict_or_its_one_line(scenario: Scenario, tmp_path: Path) -> None:
     path = scenario.write(tmp_path)
     column_map = scenario.column_map(tmp_path)
@@ -106,7 +107,7 @@ def test_a_file_and_a_log_in_memory_end_alike(label: str, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("rows", [173, 1000])
 @pytest.mark.parametrize("label", FAULTS)
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
     frame, _ = frame_of(4, label)
     log = log_from_frame(frame)
@@ -154,7 +155,7 @@ def test_engines_end_in_the_same_verdict(engine: str) -> None:
 
 @pytest.mark.parametrize("column", ["pitch_deg", "speed_cmd_rad_s", "voltage_v"])
 @pytest.mark.parametrize("label", FAULTS)
-@pytest.mark.first(5)
+@pytest.mark.first(1, 3)
 def test_a_missing_column_is_noted_and_the_verdict_stands(label: str, column: str, tmp_path: Path) -> None:
     pitch = 0.0 if column == "pitch_deg" else 4.0
     fault = Fault() if label == "nominal" else Fault(label, 1.3)
@@ -298,6 +299,7 @@ def servo_free() -> Rig:
 @pytest.mark.slow
 @pytest.mark.parametrize("has_command", [True, False])
 @pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.first(1)
 def test_faults_are_told_without_the_servos_gains(
     label: str, has_command: bool, servo_free: Rig, tmp_path: Path
 ) -> None:

@@ -46,6 +46,7 @@ def size(event: Event, name: str) -> tuple[float, float, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.15, 0.5, 0.8])
+@pytest.mark.first(2)
 def test_a_slip_of_any_size_is_one_and_its_size_is_told(share: float) -> None:
     v = verdict(hidden.Fault("slip", 1.6, size=share))
     assert v.label == "slip" or "slip" in v.alike
@@ -180,7 +181,7 @@ def test_a_rig_that_is_off_gets_no_name(seed: int) -> None:
 
 @pytest.mark.parametrize("onset", [0.0, 0.31, 0.33])  # before the first sample, and in the start
 @pytest.mark.parametrize(("label", "name"), [("slip", "share_lost"), ("coupling_loss", "drag")])
-@pytest.mark.first(3)
+@pytest.mark.first(1)
 def test_a_fault_that_is_there_from_the_start_has_its_name_and_size(
     label: str, name: str, onset: float
 ) -> None:
@@ -292,6 +293,7 @@ def test_friction_that_more_than_doubles_within_a_second_is_a_jam(seed: int, gro
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "shape"), [(10051, "s_curve"), (10001, "soft_ramps"), (10000, "sine")])
+@pytest.mark.first(1)
 def test_a_soft_start_is_no_fault(seed: int, shape: str) -> None:
     """Friction lets go at a moment that nobody knows, and a curve has no corners: neither is an error that lasts."""
     spec = hidden.draw_severity_case(seed, "nominal", shape)
@@ -381,6 +383,7 @@ def test_a_load_that_swings_has_no_name(seed: int) -> None:
     ("seed", "kind", "label"),
     [(200040, "slip_growing", "slip"), (190017, "slip_growing", "slip"), (190015, "in_a_start", "jam")],
 )
+@pytest.mark.first(2)
 def test_a_fault_too_small_to_say_so_is_no_all_clear(seed: int, kind: str, label: str) -> None:
     """A slip of 2 % by the end of its move, and a jam of a tenth in a start."""
     placed = kind in hidden.PLACED_KINDS
@@ -404,6 +407,7 @@ def test_friction_that_few_rigs_have_is_health_or_a_jam(seed: int) -> None:
 @pytest.mark.parametrize(
     ("seed", "label"), [(190002, "coupling_loss"), (190004, "jam"), (190010, "coupling_loss")]
 )
+@pytest.mark.first(1)
 def test_what_came_in_a_rest_has_its_name_in_the_next_move(seed: int, label: str) -> None:
     """By one begin in the rest the first samples fit badly, and gain most; by the next one all of them fit."""
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == label
@@ -411,6 +415,7 @@ def test_what_came_in_a_rest_has_its_name_in_the_next_move(seed: int, label: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["coupling_loss", "jam"])
+@pytest.mark.first(1)
 def test_one_fault_is_never_two(label: str) -> None:
     for seed in range(2):
         assert not verdict(hidden.Fault(label, 1.5, size=0.8), seed=seed).then
@@ -429,6 +434,7 @@ def test_a_jam_of_a_rest_is_found_in_the_next_move(seed: int) -> None:
     assert [e.label for e in found.events] == ["nominal", "jam"]
 
 
+@pytest.mark.slow
 @pytest.mark.first(1)
 @pytest.mark.parametrize("kind", ["in_a_rest", "at_a_reversal"])
 def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None:
@@ -441,6 +447,7 @@ def test_friction_that_doubles_where_the_way_changes_is_a_jam(kind: str) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [83007, pytest.param(83015, marks=pytest.mark.slow)])
+@pytest.mark.first(1)
 def test_friction_that_creeps_up_by_a_few_percent_is_a_jam(seed: int) -> None:
     """Nominal follows it, and an obstacle without a loss of travel would fit it better than a jam that sets in at once."""
     spec = hidden.draw_severity_case(seed, "jam_growing")
@@ -471,6 +478,7 @@ def test_the_start_of_a_soft_ramp_leaves_no_unknown_that_nominal_explains() -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [110002, 110013, 110026, 110029])
+@pytest.mark.first(3)
 def test_a_jam_goes_on_over_reversals(seed: int) -> None:
     """Of 24 to 215 %; as a load of one sign each was a fault without a name, or an obstacle."""
     spec = hidden.draw_placed_case(seed, "at_a_reversal")
@@ -494,7 +502,7 @@ def test_a_jam_goes_on_over_reversals(seed: int) -> None:
         (180043, "slip_then_jam"),
     ],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_the_second_fault_is_not_the_first_one_again(seed: int, kind: str) -> None:
     """A jam on top of a slip is no obstacle with a load; a slip of 5 % before a jam of 236 % is seen."""
     spec = hidden.draw_placed_case(seed, kind)
@@ -608,6 +616,7 @@ def test_friction_that_rises_while_nominal_learns_it_is_told_beside_health() -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [210024, pytest.param(215001, marks=pytest.mark.slow)])
+@pytest.mark.first(1)
 def test_what_happens_in_a_rest_has_the_name_that_the_next_move_gives_it(seed: int) -> None:
     assert of(hidden.draw_placed_case(seed, "in_a_rest"), seed).label == "coupling_loss"
 
@@ -696,6 +705,7 @@ def test_moves_of_a_servo_that_nobody_knows_are_told(seed: int, kind: str, shape
 
 @pytest.mark.parametrize("seed", [95_800_003, 98_510_004])
 @pytest.mark.slow
+@pytest.mark.first(1)
 def test_an_obstacle_at_the_crest_of_a_sine_may_be_no_slip_for_sure(seed: int) -> None:
     """What a nut takes on the way there and gives back on the way back, an obstacle that gives way does: it was a slip at 1.0."""
     log = log_from_frame(

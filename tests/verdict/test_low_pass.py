@@ -87,6 +87,7 @@ def test_a_fast_filter_before_coarse_readings_shows_by_the_colour_of_the_others(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trait", ["coloured", "coloured+csv_3_decimals", "wandering+steps_3_all"])
+@pytest.mark.first(1)
 def test_coloured_noise_alone_is_no_filter(trait: str) -> None:
     assert [through(trait, seed) for seed in range(7440, 7446)] == [NONE] * 6
 

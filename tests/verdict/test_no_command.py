@@ -106,6 +106,7 @@ def test_a_soft_start_without_a_command_is_judged_as_one_with_it(seed: int, labe
         (99_230_000, "", "nominal", "voltage_late"),
     ],
 )
+@pytest.mark.first(1)
 def test_a_move_without_its_command_is_told_through_one_more_trait(
     seed: int, shape: str, label: str, trait: str
 ) -> None:

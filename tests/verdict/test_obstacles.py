@@ -29,6 +29,7 @@ def verdict(seed: int, obstacle: Obstacle) -> tuple[Event, float]:
 @pytest.mark.parametrize(
     ("seed", "share"), [(70215, 20.0), pytest.param(70102, 200.0, marks=pytest.mark.slow)]
 )
+@pytest.mark.first(1)
 def test_a_spring_is_an_overload_and_tells_its_stiffness(seed: int, share: float) -> None:
     """Of 20 and 200 times the friction at 1 mm; by the square law alone both were faults without a name."""
     v, onset = verdict(seed, Obstacle(share * FRICTION, 1.0, share_lost=0.52))

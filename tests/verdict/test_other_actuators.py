@@ -30,6 +30,7 @@ def wrong(drive: str, seed: int) -> list[str]:
         pytest.param("voltage", 301003, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.first(1)
 def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
 
@@ -54,7 +55,7 @@ def test_a_current_is_not_said_to_lie(drive: str, seed: int) -> None:
         ),  # at 250 samples a second a jam was a second fault, behind a sensor's of its first 32 samples
     ],
 )
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_an_actuator_is_judged_right(drive: str, seed: int) -> None:
     assert wrong(drive, seed) == []
 

@@ -32,6 +32,7 @@ def is_right(kind: str, seed: int) -> bool:
 
 
 @pytest.mark.parametrize(("kind", "seed"), list(zip(KINDS, range(73_000, 73_004), strict=True)))
+@pytest.mark.first(1)
 def test_a_verdict_does_not_depend_on_the_clock_of_the_table(kind: str, seed: int) -> None:
     assert is_right(kind, seed)
 

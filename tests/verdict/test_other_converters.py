@@ -73,7 +73,7 @@ def test_a_healthy_move_is_one(logger: Callable[[pd.DataFrame], pd.DataFrame]) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("logger", LOGGERS)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_verdicts_depend_on_the_actuator(logger: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
     """Of six moves none is confidently wrong, and at least five are right."""
     labels = ("nominal", "overload", "coupling_loss")

@@ -45,7 +45,7 @@ def test_a_voltage_of_another_gain_changes_no_verdict(seed: int, gain: float) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(75_040, 75_046))
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_gains_of_both_are_told_or_in_doubt(seed: int) -> None:
     frame = scaled("voltage_v", 1.04, seed)
     verdict, _ = said(frame.assign(current_a=0.95 * frame["current_a"]))
@@ -78,7 +78,7 @@ def test_a_position_of_another_gain_is_not_surely_a_fault(gain: float, seed: int
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "share"), [(75_030, 0.05), (75_031, 0.1), (75_032, 0.3), (75_033, 0.6)])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_nut_that_begins_to_slip_on_the_way_does(seed: int, share: float) -> None:
     spec = draw_move_case(seed, "overload")
     frame, truth = make_log(replace(spec, fault=Fault("slip", 1.2, size=share)), seed)

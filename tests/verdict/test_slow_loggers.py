@@ -49,6 +49,7 @@ def test_moves_of_slow_loggers(drive: str, rate_hz: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [660104, 662141])
+@pytest.mark.first(1)
 def test_a_servo_whose_torque_is_fed_forward(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its current steps within a sample of 250 Hz: healthy moves and jams were a failed voltage sensor for sure."""
     plain = hidden.actuator_log
@@ -77,6 +78,7 @@ def test_a_servo_whose_torque_is_fed_forward(seed: int, monkeypatch: pytest.Monk
         ("voltage", 662112, 50.0, "nominal"),  # a voltage sensor for sure
     ],
 )
+@pytest.mark.first(1)
 def test_what_was_wrong_for_sure_is_told_or_shared(drive: str, seed: int, rate_hz: float, label: str) -> None:
     actuator = slow(drive, seed, rate_hz)
     assert rigs_study._said(actuator, rigs_study._learned(actuator), label)["right"]

@@ -62,7 +62,7 @@ def test_missing_readings_do_not_hide_a_stuck_one() -> None:
 
 @pytest.mark.parametrize("channel", hidden.CHANNELS)
 @pytest.mark.parametrize(("logger", "seed"), [("ideal", 320001), ("steps_all", 320000)])
-@pytest.mark.first(3)
+@pytest.mark.first(2)
 def test_a_frozen_sensor_has_its_name_and_its_begin(channel: str, logger: str, seed: int) -> None:
     spec = hidden.draw_failing_case(seed, "frozen", channel)
     told = verdict_on(spec, seed, logger)
@@ -83,7 +83,7 @@ def test_a_frozen_sensor_has_its_name_and_its_begin(channel: str, logger: str, s
         ("coupling_loss", "drive_off"),
     ],
 )
-@pytest.mark.first(4)
+@pytest.mark.first(2, 3)
 def test_a_mass_that_stands_is_no_sensor_that_does(label: str, logger: str) -> None:
     told = verdict_on(hidden.draw_move_case(320100, label), 320100, logger)
     assert label in (told.label, *told.alike)
@@ -130,7 +130,7 @@ def test_what_spikes_holds_gaps_and_turns_do_is_no_jump() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [840006, 846001, 846002])
 @pytest.mark.parametrize("gain", [1.3, 0.5])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_gain_of_the_position_far_from_its_zero_is_no_lost_coupling(seed: int, gain: float) -> None:
     """One of 1.3 was, for sure, where the mass had gone 0.2 m of its travel."""
     actuator = hidden.draw_actuator(seed, "current")

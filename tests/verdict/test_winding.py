@@ -61,6 +61,7 @@ def test_a_start_behind_an_inductance_is_no_failed_sensor(seed: int, tau_s: floa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["nominal", "overload", "sensor_fault"])
+@pytest.mark.first(1)
 def test_a_servo_behind_an_inductance(label: str) -> None:
     """A voltage that freezes behind an inductance was a position sensor for sure, healthy moves an overload."""
     actuator, rig = learned("position_servo", 830_010, 1.5e-3, 500.0)

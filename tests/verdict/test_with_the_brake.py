@@ -43,6 +43,7 @@ def test_health_and_faults_without_a_begin_stay_what_they_are() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [81_000, 81_003, 81_006])
+@pytest.mark.first(1)
 def test_a_current_with_a_share_of_the_voltage_is_no_fault_for_sure(seed: int) -> None:
     """A lost coupling at 1.0, which began with the brake."""
     frame, _ = make_log(draw_move_case(seed, "nominal"), seed)

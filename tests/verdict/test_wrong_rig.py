@@ -47,7 +47,7 @@ def verdict(frame: pd.DataFrame):
 @pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("seed", SEEDS[:2])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None:
     column, factor = UNITS[unit]
     frame = move(seed)
@@ -59,7 +59,7 @@ def test_a_unit_or_sign_is_told_instead_of_a_fault(unit: str, seed: int) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_millimetres_are_told_where_no_command_is_logged(seed: int) -> None:
     frame = move(seed).drop(columns="speed_cmd_rad_s")
     frame["position_m"] *= 1e3
@@ -79,7 +79,7 @@ def test_spikes_of_a_current_are_no_unit(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:])])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_another_machine_is_never_a_sure_fault(machine: str, seed: int) -> None:
     found, warnings = verdict(move(seed, **MACHINES[machine]))
     if found.label == "not_tested":

@@ -41,6 +41,7 @@ def zero_of(log: Log) -> float:
 
 @pytest.mark.parametrize("voltage", [-0.03, 0.0, 0.05])
 @pytest.mark.parametrize("current", [-5e-3, -1e-3, 2e-3])
+@pytest.mark.first(3)
 def test_it_is_found_beside_any_offset_of_the_voltage(voltage: float, current: float) -> None:
     for seed in (8100, 8101):
         assert zero_of(off_by(healthy(seed), voltage, current)) == pytest.approx(current, abs=0.5 * SIGMA)
@@ -68,7 +69,7 @@ def test_moves_in_one_direction_tell_it_as_they_stop() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("label", ["overload", "coupling_loss", "sensor_fault"])
 @pytest.mark.parametrize("move", [1, 3])
-@pytest.mark.first(2)
+@pytest.mark.first(1)
 def test_a_fault_is_told_beside_it_as_without_it_and_is_no_zero(label: str, move: int) -> None:
     """In the second move: before any two healthy ones that tell the zero."""
     kind, channel, size = ("bias", "current", 9e-3) if label == "sensor_fault" else ("", None, None)

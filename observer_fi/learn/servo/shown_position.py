@@ -10,6 +10,8 @@ simulated angle, and its voltage lacks what makes the simulation go along.
 """
 
 import math
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy  # whose parts load when they are used: `signal` takes a second
@@ -48,16 +50,43 @@ def _gone_along(e: Array, dt: float, turning: slice, model: Model) -> tuple[Arra
     per_current = model["Km"] / model["J"]
     Kp, Ki = per_current * model["Kp"], per_current * model["Ki"]
     ring = Loop.of(model).ring
-    low_pass = scipy.signal.butter(2, min(SMOOTH * ring * dt / math.pi, 0.9), output="sos")
-    follows, starts = (scipy.signal.bilinear(top, [1.0, Kp, Ki], 1.0 / dt) for top in ([Kp, Ki], [Ki]))
+    smooth = _LowPass.at(ring, dt)
+    follows, starts = _laws(Kp, Ki, dt)
     pad = math.ceil(_AROUND / (ring * dt))
     inside = slice(pad, pad + e.size)
     d = c = np.zeros(e.size)
     for _ in range(_PASSES):
-        c = d + scipy.signal.sosfiltfilt(low_pass, np.pad(e - d, pad, mode="edge"), padlen=0)[inside]
+        c = d + smooth(np.pad(e - d, pad, mode="edge"))[inside]
         moved = c[turning] - c[turning.start]
         d = np.zeros(e.size)
         d[turning] = scipy.signal.lfilter(*follows, moved)
         d[turning] += c[turning.start] * scipy.signal.lfilter(*starts, np.ones(moved.size))
         d[turning.stop :] = d[turning.stop - 1]
     return d, Kp * np.gradient(c - d, dt) + Ki * (c - d)
+
+
+@dataclass(frozen=True)
+class _LowPass:
+    """Low-pass forth and back, over what was at its first and last value for ever. sos (k, 6), settled (k, 2): its state then."""
+
+    sos: Array
+    settled: Array
+
+    @classmethod
+    @lru_cache(maxsize=64)
+    def at(cls, ring: float, dt: float) -> "_LowPass":
+        sos = scipy.signal.butter(2, min(SMOOTH * ring * dt / math.pi, 0.9), output="sos")
+        return cls(sos, scipy.signal.sosfilt_zi(sos))
+
+    def __call__(self, x: Array) -> Array:
+        for _ in range(2):
+            x = scipy.signal.sosfilt(self.sos, x, zi=self.settled * x[0])[0][::-1]
+        return x
+
+
+@lru_cache(maxsize=64)
+def _laws(Kp: float, Ki: float, dt: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Numerators and denominators by which d follows a change of c, and c itself while it stands."""
+    tops = [Kp, Ki], [Ki]
+    follows, starts = (scipy.signal.bilinear(top, [1.0, Kp, Ki], 1.0 / dt) for top in tops)
+    return follows, starts

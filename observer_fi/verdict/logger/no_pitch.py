@@ -23,10 +23,10 @@ from observer_fi.verdict.testable import for_readings
 
 MOVES = 2  # that are looked at
 WINDOWS_S = (6.0, 3.0, 1.5, 0.7, 0.3)  # of them: the longest that nominal explains with some pitch tells it
-STEEPEST_DEG, APART_DEG = 90.0, 5.0  # pitches that are looked at first, and how far they are apart
-CLOSER = 4  # times as close are the next ones, on either side of the best
+STEEPEST_DEG = 90.0
 ENOUGH = 0.25  # of the pitch that weighs as much as the friction: looks so close miss no hill; what weighs less is no matter
-WITHIN = 0.01  # of that distance, how well a pitch is told
+LOOKS, MOST_LOOKS = 4, 10  # on either side of the best so far, and how often
+WITHIN = 0.01  # of the distance of two looks, how well a pitch is told
 # Nats that a pitch must gain over none, and how well nominal then fits: NIS over its expectation.
 NOTICED_NATS, FITS = 40.0, 1.3
 DRIFTS_DEG = 2.0  # by which a vehicle's pitch differs from what its first motion shows
@@ -150,13 +150,28 @@ class _First:
         return self.known[pitch]
 
     def best(self) -> float:
-        """The pitch [deg] that explains the motion best."""
+        """The pitch [deg] that explains the motion best, near what the current has to carry."""
+        step = ENOUGH * self.rig.model["A"] / abs(self.rig.model["B"])
+        at, top = math.nan, self._carried()
+        for _ in range(MOST_LOOKS):
+            if at == top:
+                break
+            at, top = top, self._best_near(top, step, LOOKS)
+        return self._refined(top, step)
+
+    def _carried(self) -> float:
+        """The pitch [deg] against which the motor drives the mass, by the mean current of the motion and the usual friction."""
+        m, log = self.rig.model, self.log
+        driven = np.isfinite(log.z[:, 1]) & (log.w_cmd != 0.0)
+        if not driven.any():
+            return 0.0
+        torque = m["Km"] * log.z[driven, 1] - m["A"] * np.sign(log.w_cmd[driven])
+        return float(np.clip(torque.mean() / m["B"], -STEEPEST_DEG, STEEPEST_DEG))
+
+    def _refined(self, top: float, step: float) -> float:
+        """The best pitch within a step of one [deg]."""
         from scipy.optimize import minimize_scalar  # loads for as long as most logs are judged
 
-        step, top = APART_DEG, self._best_near(0.0, APART_DEG, round(STEEPEST_DEG / APART_DEG))
-        while step > ENOUGH * self.rig.model["A"] / abs(self.rig.model["B"]):
-            step /= CLOSER
-            top = self._best_near(top, step, CLOSER)
         found = minimize_scalar(
             lambda pitch: -self.said(float(pitch)).nats,
             bounds=(top - step, top + step),

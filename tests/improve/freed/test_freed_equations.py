@@ -33,6 +33,7 @@ def hide(cause: str, seed: int, size: float = 3.0) -> Log:
         ("current_lag", {"servo"}),
     ],
 )
+@pytest.mark.first(1)
 def test_the_hidden_equation_comes_first(cause, equations):
     rows, disturbances = free_equations(*refitted([hide(cause, 9000)], RIG))
     assert rows[0].verdict == "first" and rows[0].equation in equations

@@ -88,6 +88,7 @@ def test_moves_that_no_fit_took_are_no_steps_of_the_sensor():
 @pytest.mark.parametrize("cause", OF_A_SERVO)
 @pytest.mark.parametrize("seed", [7401, 7402])
 @pytest.mark.slow
+@pytest.mark.first(1)
 def test_what_a_servo_misses_goes_with_its_own_error(cause: str, seed: int) -> None:
     """It was a torque over speed, load or pitch, or nothing."""
     spec = hidden.draw_effects_case(seed, (cause,), 10.0)
