@@ -5,17 +5,22 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from observer_fi.improve.ladder import name_causes
-from observer_fi.improve.moves.misfit import GROSS_NATS, excess, samples
-from observer_fi.improve.moves.screening import refit
+from observer_fi.improve.moves.misfit import GROSS_NATS, OF_POSITION, excess, samples
+from observer_fi.improve.moves.screening import free_of, inside, start_values
 from observer_fi.improve.moves.simulated_moves import SimulatedMoves
 from observer_fi.improve.steps import Candidate, Ladder
 from observer_fi.learn import FitResult, fit_or_none, followed
 from observer_fi.numerics import with_unit
+from observer_fi.physics import override
 
 _TIMES = 2  # that a loop follows what was fitted with it
+_MOST_TIMES = 12  # that it follows what a sensor shows
+_BETTER = 0.95  # of what was left each time, to go on
+_PLAY = "backlash"
+_FAR = 50.0  # of a size at which scores are taken: where a score has none, the loop begins with that
+_SEEN_NATS = 0.1  # a sample that a score promises, from which on what a sensor shows is looked for
 _LEADS = 0.5  # of the highest score, from which on a cause may be the largest
 _ALIKE = 0.2  # of one size, by which it may differ from what another makes of it
-_SHOWN = ("kinematics", "sensor:position")  # equations between the motor and its position
 _MAKERS = ("Rm", "Km", "D", "tick_phase")
 # Equations that are not simulated without a servo, or a voltage, in words.
 _SILENT = {"servo": "servo", "sensor:current": "current sensor", "electrical": "winding"}
@@ -34,7 +39,7 @@ def named_behind_loop(
     alone = replace(problem, settings=replace(problem.settings, rounds=1), held=_MAKERS)
     alone = _near_its_refit(alone)
     near, first = _largest(alone, progress)
-    problem = replace(problem, experiment=near.experiment)
+    problem = replace(problem, experiment=near.experiment, begun=near.begun if first.steps else None)
     if first.steps and problem.model == problem.rig.model:
         problem = replace(problem, model=problem.ended(first.extended))
     problem, ladder = _near(problem, name_causes(problem, progress))
@@ -55,31 +60,40 @@ def _near_a_sensor(problem: SimulatedMoves) -> tuple[SimulatedMoves, bool] | Non
     """The problem behind a loop that follows a motor whose position is shown elsewhere, where that scores about as high as any
     cause; and whether it leaves less than any score promised.
 
-    What is shown moves the loop itself, by more than a score can tell.
+    What is shown moves the loop itself, by more than a score can tell. Play has none to speak of: while the motor crosses it, the
+    loop holds the simulation where the mass is.
     """
     before = problem.baseline()
     candidates = problem.screen(before, ())
     most = max((c.gain for c in candidates), default=0.0)
-    if most < GROSS_NATS * samples(problem.experiment):
+    if most < _SEEN_NATS * samples(problem.experiment):
         return None
-    best = {c.cause.name: c for c in reversed(candidates) if c.gain > _LEADS * most}
-    shown = [c for c in best.values() if c.cause.equation in _SHOWN]
+    best = {c.cause.name: c for c in reversed(candidates) if c.gain > _LEADS * most or c.cause.name == _PLAY}
+    shown = [c for c in best.values() if c.cause.equation in OF_POSITION]
     tried = [pair for pair in (_followed_with(problem, c) for c in shown) if pair is not None]
-    if not tried:
-        return None
-    near, fitted = min(tried, key=lambda pair: pair[1].objective)
-    return near, fitted.objective < before.objective - most
+    near, fitted = min(tried, key=lambda pair: pair[1].objective, default=(problem, before))
+    gain = before.objective - fitted.objective
+    return (near, gain > most) if gain > _LEADS * most else None
 
 
 def _followed_with(problem: SimulatedMoves, candidate: Candidate) -> tuple[SimulatedMoves, FitResult] | None:
-    """The problem behind a loop that follows the fit with a cause, and that fit; None where it runs away."""
-    fitted = refit(problem.experiment, problem.baseline(), candidate)
-    for _ in range(_TIMES):
-        if fitted is None:
-            return None
-        problem = replace(problem, experiment=followed(problem.experiment, fitted.model))
-        fitted = fit_or_none(problem.experiment, fitted.model, fitted.free, fitted.nuisance)
-    return (problem, fitted) if fitted is not None else None
+    """The problem behind a loop that follows a cause of the size that is fitted behind it, and that fit; None where all run away.
+
+    Each fit begins with the constants as they are known: a size that is off by far bends them, from where no other fit returns.
+    """
+    variant, best = candidate.variant, None
+    free = (*problem.baseline().free, *free_of(variant))
+    values = start_values(variant)
+    values |= {name: size or _FAR * values[name] for name, size in candidate.size.items()}
+    for _ in range(_MOST_TIMES):
+        model = override(problem.model, problem.model.name, **inside(variant, values))
+        near = replace(problem, experiment=followed(problem.experiment, model))
+        fitted = fit_or_none(near.experiment, model, free)
+        if fitted is None or (best is not None and fitted.objective > _BETTER * best[1].objective):
+            break
+        best = replace(near, begun=(candidate, fitted.model)), fitted
+        values |= {term.parameter: fitted.model[term.parameter] for term in variant.terms}
+    return best
 
 
 def _near_its_refit(problem: SimulatedMoves) -> SimulatedMoves:
@@ -97,10 +111,21 @@ def _near_its_refit(problem: SimulatedMoves) -> SimulatedMoves:
 
 def _near(problem: SimulatedMoves, ladder: Ladder[FitResult]) -> tuple[SimulatedMoves, Ladder[FitResult]]:
     """The same behind a loop that follows the extended model."""
-    for _ in range(_TIMES if ladder.steps else 0):
-        problem = replace(problem, experiment=followed(problem.experiment, ladder.extended.model))
+    for _ in range(_TIMES):
+        if not ladder.steps:
+            break
+        near = followed(problem.experiment, ladder.extended.model)
+        problem = replace(_begun_again(problem, ladder), experiment=near)
         ladder = problem.again(ladder)
     return problem, ladder
+
+
+def _begun_again(problem: SimulatedMoves, ladder: Ladder[FitResult]) -> SimulatedMoves:
+    """The problem with the cause that it begins with as it was fitted last, alone."""
+    first = ladder.steps[0].trial.candidates[0]
+    if problem.begun is None or first.cause is not problem.begun[0].cause:
+        return problem
+    return replace(problem, begun=(first, ladder.path[0].model))
 
 
 def _or_current_offset(problem: SimulatedMoves, ladder: Ladder[FitResult]) -> Ladder[FitResult]:

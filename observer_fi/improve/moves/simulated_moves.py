@@ -25,6 +25,7 @@ from observer_fi.improve.moves.left_over import left_over
 from observer_fi.improve.moves.lines import lines_of
 from observer_fi.improve.moves.misfit import (
     GROSS_NATS,
+    OF_POSITION,
     bent,
     disregard,
     dust,
@@ -42,7 +43,7 @@ from observer_fi.improve.moves.rig_refit import (
     refit_of_the_rig,
     with_stops,
 )
-from observer_fi.improve.moves.screening import coverage_of, penalty, refit, screen, without
+from observer_fi.improve.moves.screening import coverage_of, free_of, penalty, refit, screen, without
 from observer_fi.improve.residual_tables import Residuals, residual_tables
 from observer_fi.improve.steps import Candidate, HeldOut, Ladder, Measure, Smooth, Step, Trial
 from observer_fi.learn import (
@@ -50,6 +51,7 @@ from observer_fi.learn import (
     FitResult,
     doubtful,
     fit,
+    fit_or_none,
     inflation,
     nll_per_sample,
     noise_floor,
@@ -97,7 +99,8 @@ class SimulatedMoves:
 
     given, logged: the rig and the moves as they were where that has no servo, and a loop around the simulation stands for one
     (`learn.tracked`).
-    held: constants that no refit moves.
+    held: constants that no refit moves. begun: what a position sensor shows as a first cause, and the model with it that the loop
+    follows.
     """
 
     logs: tuple[Log, ...]
@@ -109,6 +112,7 @@ class SimulatedMoves:
     given: Rig | None = None
     logged: Experiment | None = None
     held: tuple[str, ...] = ()
+    begun: tuple[Candidate, Model] | None = None
 
     @property
     def rounds(self) -> int:
@@ -157,17 +161,25 @@ class SimulatedMoves:
         )
 
     def trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
-        rivals, found = (
-            shortlist(candidates, _PROMISING * dust(self.experiment, self._most), self.settings),
-            [],
-        )
-        for candidate, result in self._refitted(fitted, rivals):
-            gain = fitted.objective - result.objective
-            price = candidate.gain - candidate.net
-            found.append(Trial((candidate,), result, gain, (gain - price,)))
+        rivals = shortlist(candidates, _PROMISING * dust(self.experiment, self._most), self.settings)
+        tried = self._begun(fitted)
+        if tried:  # no score of another equation promises as much
+            rivals = [
+                c for c in rivals if c.cause.equation in OF_POSITION and c.cause is not tried[0][0].cause
+            ]
+        tried += self._refitted(fitted, rivals)
+        found = [_trial(fitted, *pair) for pair in tried]
         if fitted is self._baseline and self._is_left(found):
             found += self._gross_trials(fitted, candidates, found)
         return sorted(found, key=lambda trial: -trial.nets[0])
+
+    def _begun(self, fitted: FitResult) -> list[tuple[Candidate, FitResult]]:
+        """The cause that the loop follows, fitted from there, beside the refit: a fit with no cause has bent the constants."""
+        if self.begun is None or fitted is not self._baseline:
+            return []
+        candidate, model = self.begun
+        result = fit_or_none(self.experiment, model, (*fitted.free, *free_of(candidate.variant)))
+        return [] if result is None else [(candidate, result)]
 
     def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
         """Whether the best of some trials leaves a good part of the refit's misfit, or one that is still gross."""
@@ -336,7 +348,7 @@ class SimulatedMoves:
         """The steps of a ladder that was found with other moves, or another model, with these; none that do not pay there."""
         steps, path = [], [self.baseline()]
         for step in ladder.steps:
-            after = refit(self.experiment, path[-1], step.trial.candidates[0], exact=True)
+            after = self._beside(path[-1], step.trial.candidates[0])
             if after is None:
                 continue
             # A fit may have stopped short without the step.
@@ -350,6 +362,13 @@ class SimulatedMoves:
             steps.append(Step(trial, self._gain(path[-1], after)[1], step.rivals))
             path.append(after)
         return replace(ladder, baseline=path[0], extended=path[-1], steps=tuple(steps), path=tuple(path[1:]))
+
+    def _beside(self, fitted: FitResult, candidate: Candidate) -> FitResult | None:
+        """A fit with one more cause; from where the loop follows it, if it does."""
+        for begun, result in self._begun(fitted):
+            if begun.cause is candidate.cause:
+                return result
+        return refit(self.experiment, fitted, candidate, exact=True)
 
     def _stops_matter(self, ladder: Ladder[FitResult]) -> bool:
         """Whether the stops that were found still explain something once the causes are named.
@@ -475,6 +494,11 @@ def shortlist(candidates: Sequence[Candidate], least: float, settings: MoveSetti
         causes[c.cause.name] = count + 1
         chosen.append(c)
     return chosen
+
+
+def _trial(fitted: FitResult, candidate: Candidate, result: FitResult) -> Trial[FitResult]:
+    gain, price = fitted.objective - result.objective, candidate.gain - candidate.net
+    return Trial((candidate,), result, gain, (gain - price,))
 
 
 def rms(y: Array) -> float:
