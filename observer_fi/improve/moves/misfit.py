@@ -37,12 +37,13 @@ def dust(experiment: Experiment, most: float) -> float:
     0.1 % of the baseline's excess `most`, and a misfit of 7 % of the noise; of a quarter where a loop follows a noisy position,
     for not all that it leaves open is noise.
     """
-    least = (
-        clear(experiment)
-        if experiment.driven.size
-        else 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum())
-    )
+    least = clear(experiment) if experiment.driven.size else imperfection(experiment)
     return max(_DUST * most, least)
+
+
+def imperfection(experiment: Experiment) -> float:
+    """Nats of a misfit of 7 % of the noise, which the timing of a logger or a servo may make."""
+    return 0.5 * _DUST_NOISE**2 * int((experiment.weight > 0.0).sum())
 
 
 def clear(experiment: Experiment) -> float:

@@ -31,6 +31,7 @@ from observer_fi.improve.moves.misfit import (
     dust,
     excess,
     held_out_residuals,
+    imperfection,
     missed,
     position_dust,
     samples,
@@ -240,8 +241,9 @@ class SimulatedMoves:
         return best.objective + price + self._close(best)
 
     def _close(self, best: FitResult) -> float:
-        """Nats by which a rival falls short of the best trial at most."""
-        return self.settings.close * inflation(self.experiment, best.residuals)
+        """Nats by which a rival falls short of the best trial at most; behind a loop the usual imperfection may be as much."""
+        close = self.settings.close * inflation(self.experiment, best.residuals)
+        return max(close, imperfection(self.experiment)) if self.given is not None else close
 
     @property
     def _least(self) -> tuple[float, float]:
