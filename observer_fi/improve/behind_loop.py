@@ -15,7 +15,7 @@ from observer_fi.physics import override
 
 _TIMES = 2  # that a loop follows what was fitted with it
 _MOST_TIMES = 12  # that it follows what a sensor shows
-_BETTER = 0.95  # of what was left each time, to go on
+_BETTER = 0.8  # of what was left each time, to go on
 _PLAY = "backlash"
 _FAR = 50.0  # of a size at which scores are taken: where a score has none, the loop begins with that
 _SEEN_NATS = 0.1  # a sample that a score promises, from which on what a sensor shows is looked for

@@ -175,11 +175,17 @@ class SimulatedMoves:
         return sorted(found, key=lambda trial: -trial.nets[0])
 
     def _begun(self, fitted: FitResult) -> list[tuple[Candidate, FitResult]]:
-        """The cause that the loop follows, fitted from there, beside the refit: a fit with no cause has bent the constants."""
-        if self.begun is None or fitted is not self._baseline:
+        """The cause that the loop follows, fitted from there beside a fit without it, which has bent the constants."""
+        if self.begun is None:
             return []
         candidate, model = self.begun
-        result = fit_or_none(self.experiment, model, (*fitted.free, *free_of(candidate.variant)))
+        extra, taken = free_of(candidate.variant), {f.name for f in fitted.free}
+        if any(f.name in taken for f in extra):
+            return []
+        usual = {f.name for f in self._baseline.free}
+        others = {name: fitted.model[name] for name in fitted.model.effects if name not in usual}
+        near = override(model, model.name, **others)
+        result = fit_or_none(self.experiment, near, (*fitted.free, *extra))
         return [] if result is None else [(candidate, result)]
 
     def _is_left(self, trials: Sequence[Trial[FitResult]]) -> bool:
