@@ -51,9 +51,12 @@ def _largest(
 ) -> tuple[SimulatedMoves, Ladder[FitResult]]:
     """The problem and its ladder behind the loop that follows a model with all of it: as it is, or what a sensor shows of it."""
     near = _near_a_sensor(problem)
-    loops = [problem] if near is None else [near[0]] if near[1] else [problem, near[0]]
-    found = [_near(each, name_causes(each, progress)) for each in loops]
-    return min(found, key=lambda pair: pair[1].extended.objective)
+    shown = [] if near is None else [_near(near[0], name_causes(near[0], progress))]
+    shown = [pair for pair in shown if pair[1].steps]
+    if near is not None and near[1] and shown:
+        return shown[0]
+    as_it_is = _near(problem, name_causes(problem, progress))
+    return min(as_it_is, *shown, key=lambda pair: pair[1].extended.objective) if shown else as_it_is
 
 
 def _near_a_sensor(problem: SimulatedMoves) -> tuple[SimulatedMoves, bool] | None:

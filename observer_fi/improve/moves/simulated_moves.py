@@ -163,14 +163,12 @@ class SimulatedMoves:
 
     def trials(self, fitted: FitResult, candidates: Sequence[Candidate]) -> list[Trial[FitResult]]:
         rivals = shortlist(candidates, _PROMISING * dust(self.experiment, self._most), self.settings)
-        tried = self._begun(fitted)
-        if tried:  # no score of another equation promises as much
-            rivals = [
-                c for c in rivals if c.cause.equation in OF_POSITION and c.cause is not tried[0][0].cause
-            ]
-        tried += self._refitted(fitted, rivals)
-        found = [_trial(fitted, *pair) for pair in tried]
-        if fitted is self._baseline and self._is_left(found):
+        begun = self._begun(fitted)
+        if begun:  # no score of another equation promises as much
+            first = begun[0][0].cause
+            rivals = [c for c in rivals if c.cause.equation in OF_POSITION and c.cause is not first]
+        found = [_trial(fitted, *pair) for pair in (*begun, *self._refitted(fitted, rivals))]
+        if fitted is self._baseline and not begun and self._is_left(found):
             found += self._gross_trials(fitted, candidates, found)
         return sorted(found, key=lambda trial: -trial.nets[0])
 
