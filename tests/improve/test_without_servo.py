@@ -103,9 +103,8 @@ def test_a_position_that_is_shown_elsewhere_has_its_name_and_size(
     }[what]
     found = improved(drive, seed, made)
     assert [parameter in one.parameters for one in found.findings] == [True] and found.unexplained == ()
-    limit = (
-        0.3 * size if what == "gain" else 0.05 * value
-    )  # of a gain a part may lie in the pitch of the screw
+    # Of a gain a part may lie in the pitch of the screw.
+    limit = 0.3 * size if what == "gain" else 0.05 * value
     assert found.findings[0].parameters[parameter].value == pytest.approx(value, abs=limit)
 
 

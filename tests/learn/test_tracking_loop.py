@@ -14,7 +14,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from observer_fi.errors import UsageError
 from observer_fi.improve.moves.simulated_moves import SimulatedMoves, simulated_moves
-from observer_fi.learn.output_error import residuals
+from observer_fi.learn.gauss_newton import Free
+from observer_fi.learn.output_error import fit, residuals
 from observer_fi.learn.reversal_doubt import subtract_doubt
 from observer_fi.learn.servo.tracking_doubt import DAMPING, SMOOTH, Loop, _around_a_step, tracking_doubt
 from observer_fi.learn.servo.tracking_loop import followed
@@ -144,6 +145,25 @@ def test_a_loop_that_does_not_know_the_sensor_scores_it_with_its_size(
     r, near = (residuals(one.experiment, rig.model, still) for rig in (one.rig, tenth))
     column = 10.0 * (r - near)
     assert 0.5 < float(np.sum(r * column) / np.sum(column**2)) < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("drive", "seed"), [("current", 853001), ("voltage", 853002), ("voltage", 853003)])
+@pytest.mark.parametrize("begun", [0.05, 5.0])
+@pytest.mark.first(1)
+def test_play_that_is_fitted_behind_itself_again_and_again_is_the_true_one(
+    drive: str, seed: int, begun: float
+) -> None:
+    """From a twentieth of it as from five times it: a first fit alone is off by up to a half."""
+    play = 0.005 * hidden.draw_actuator(seed, drive).travel
+    one = problem(drive, seed, (effect("backlash", width=play, start=1.0),))
+    width = begun * play
+    for _ in range(8):
+        model = with_values(one.rig, {"backlash": width}).model
+        width = fit(followed(one.experiment, model), model, [Free("backlash", 0.1 * width, 0.0)]).model[
+            "backlash"
+        ]
+    assert width == pytest.approx(play, rel=0.02)
 
 
 @pytest.mark.slow

@@ -1,16 +1,18 @@
 """A log in, a verdict out: on every spoilt log, whole and in chunks, at two rates, with and without what may be missing."""
 
 import tracemalloc
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from hidden import Fault, TruthSpec, campaign, draw_move_case, make_log, single_move, write_log
+from hidden import Fault, TruthSpec, campaign, draw_move_case, make_log, rich_campaign, single_move, write_log
 from moves import move
 from scenarios import SCENARIOS, Scenario
 
+from observer_fi.bank import Bank
 from observer_fi.errors import InvalidLogError
 from observer_fi.logs.columns import load_columns
 from observer_fi.logs.ingest import log_from_frame, read_log
@@ -20,6 +22,7 @@ from observer_fi.records import Consistency, Event, Isolation, Log, Outcome
 from observer_fi.settings import Settings
 from observer_fi.verdict import explain
 from observer_fi.verdict.diagnosis import Diagnosis, diagnose, diagnose_log
+from observer_fi.verdict.last_word import LastWord
 
 RIG = load_rig()
 SETTINGS = Settings()
@@ -54,7 +57,7 @@ def alike(one: Outcome, two: Outcome) -> None:
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda s: s.name)
-@pytest.mark.first(12, 30)
+@pytest.mark.first(12)
 def test_every_scenario_gets_its_verdict_or_its_one_line(scenario: Scenario, tmp_path: Path) -> None:
     path = scenario.write(tmp_path)
     column_map = scenario.column_map(tmp_path)
@@ -120,6 +123,25 @@ def test_chunks_end_in_the_same_verdict(label: str, rows: int) -> None:
     alike(whole, chunked)
     if label != "nominal":
         assert two.onset_s == pytest.approx(one.onset_s, abs=1e-3)  # the window begins at another snapshot
+
+
+def test_a_move_is_asked_only_while_its_samples_are_at_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every move of a log was asked again with every chunk that came."""
+    asked: Counter[float] = Counter()
+    given = LastWord.doubting
+
+    def doubting(word: LastWord, event: Event, bank: Bank) -> Event:
+        asked[event.start_s] += 1
+        return given(word, event, bank)
+
+    monkeypatch.setattr(LastWord, "doubting", doubting)
+    log = log_from_frame(make_log(TruthSpec(rich_campaign()), 5)[0])
+    run = Diagnosis(RIG, SETTINGS)
+    rows = round(log.rate_hz)
+    for first in range(0, log.t.size, rows):
+        run.add(part_of(log, first, first + rows))
+    assert len(asked) > 8 and log.t.size / rows > 20
+    assert max(list(asked.values())[:4]) < 12  # a second each, of which some are kept
 
 
 @pytest.mark.slow

@@ -1,14 +1,18 @@
 """Logs without a pitch: gravity acts on the mass all the same, and what it does is no fault."""
 
+import importlib
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 from hidden import draw_severity_case, make_log, make_log_with, write_log
 
 from observer_fi.logs import NO_PITCH, log_from_frame
-from observer_fi.physics import load_rig, with_values
+from observer_fi.physics import Rig, load_rig, with_values
+from observer_fi.records import Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose, diagnose_log
 from observer_fi.verdict.logger.no_pitch import with_its_pitch
@@ -107,6 +111,23 @@ def test_where_it_is_level_or_weighs_nothing_it_is_taken_as_0() -> None:
     outcome = diagnose_log(log_from_frame(flat), RIG, SETTINGS)
     assert outcome.isolation is not None and outcome.isolation.verdict.label == "nominal"
     assert f"{NO_PITCH} as 0" in outcome.log.notes
+
+
+@pytest.mark.parametrize("friction", [20.0, 150.0, 355.0])
+def test_no_pitch_is_steeper_than_a_wall(friction: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However much friction outweighs gravity, of which it is that of so many degrees: looks went to 445."""
+    module = importlib.import_module("observer_fi.verdict.logger.no_pitch")
+    asked: list[float] = []
+    given = module.said_by_nominal
+
+    def said(log: Log, rig: Rig, *rest: Any) -> Any:
+        asked.append(rig.model["pitch_offset"])
+        return given(log, rig, *rest)
+
+    monkeypatch.setattr(module, "said_by_nominal", said)
+    heavy = with_values(RIG, {"B": math.copysign(RIG.model["A"] / friction, RIG.model["B"])})
+    with_its_pitch(log_from_frame(without_pitch(99_750_002, "nominal")[0]), heavy, SETTINGS.bank)
+    assert len(asked) > 5 and max(map(abs, asked)) <= 90.0
 
 
 def test_a_pitch_that_was_logged_is_left_alone() -> None:

@@ -10,13 +10,12 @@ simulated angle, and its voltage lacks what makes the simulation go along.
 """
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import scipy  # whose parts load when they are used: `signal` takes a second
 
-from observer_fi.learn.servo.tracking_doubt import SMOOTH, Loop
+from observer_fi.learn.servo.tracking_doubt import Loop
 from observer_fi.physics import Model
 from observer_fi.physics import simulation as s
 from observer_fi.records import Array
@@ -49,14 +48,15 @@ def _gone_along(e: Array, dt: float, turning: slice, model: Model) -> tuple[Arra
     """(n,) angle d [rad] by which a simulation goes along e (n,) while it turns, and what the loop pulls for it [rad/s^2]."""
     per_current = model["Km"] / model["J"]
     Kp, Ki = per_current * model["Kp"], per_current * model["Ki"]
-    ring = Loop.of(model).ring
-    smooth = _LowPass.at(ring, dt)
+    loop = Loop.of(model)
+    low_pass = loop.low_pass(dt)
+    settled = scipy.signal.sosfilt_zi(low_pass)
     follows, starts = _laws(Kp, Ki, dt)
-    pad = math.ceil(_AROUND / (ring * dt))
+    pad = math.ceil(_AROUND / (loop.ring * dt))
     inside = slice(pad, pad + e.size)
     d = c = np.zeros(e.size)
     for _ in range(_PASSES):
-        c = d + smooth(np.pad(e - d, pad, mode="edge"))[inside]
+        c = d + _smooth(low_pass, settled, np.pad(e - d, pad, mode="edge"))[inside]
         moved = c[turning] - c[turning.start]
         d = np.zeros(e.size)
         d[turning] = scipy.signal.lfilter(*follows, moved)
@@ -65,23 +65,14 @@ def _gone_along(e: Array, dt: float, turning: slice, model: Model) -> tuple[Arra
     return d, Kp * np.gradient(c - d, dt) + Ki * (c - d)
 
 
-@dataclass(frozen=True)
-class _LowPass:
-    """Low-pass forth and back, over what was at its first and last value for ever. sos (k, 6), settled (k, 2): its state then."""
+def _smooth(sections: Array, settled: Array, x: Array) -> Array:
+    """x (n,) through a low-pass forth and back, as if it had been at its first and last value for ever.
 
-    sos: Array
-    settled: Array
-
-    @classmethod
-    @lru_cache(maxsize=64)
-    def at(cls, ring: float, dt: float) -> "_LowPass":
-        sos = scipy.signal.butter(2, min(SMOOTH * ring * dt / math.pi, 0.9), output="sos")
-        return cls(sos, scipy.signal.sosfilt_zi(sos))
-
-    def __call__(self, x: Array) -> Array:
-        for _ in range(2):
-            x = scipy.signal.sosfilt(self.sos, x, zi=self.settled * x[0])[0][::-1]
-        return x
+    settled (k, 2): state of its sections (k, 6) that has been at 1.
+    """
+    for _ in range(2):
+        x = scipy.signal.sosfilt(sections, x, zi=settled * x[0])[0][::-1]
+    return x
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ follows, which looks as far ahead as back: so does e. a: an acceleration that no
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from observer_fi.records import Array
 
 DAMPING = math.sqrt(2.0)  # twice that of the settled filter
 SMOOTH = 2.0  # times the ring of the loop: faster, the measured motion is the simulation's own
+_NYQUIST = 0.9  # of half the sampling rate, beyond which no low-pass goes
 
 _LEAST = 0.3  # standard deviations: a smaller step is none beside the noise
 _MOST_STEPS = 20  # of one move
@@ -48,10 +50,20 @@ class Loop(NamedTuple):
         low_pass = 1.0 / (1.0 + (at / (SMOOTH * self.ring)) ** 4)
         return np.asarray((DAMPING * self.ring * 1j * at + self.ring**2) * low_pass, dtype=np.complex128)
 
+    def low_pass(self, dt: float) -> Array:
+        """(1, 6) second-order sections of what the loop follows of a measured motion, in steps of dt [s]; forth and back."""
+        return _sections(min(SMOOTH * self.ring * dt / math.pi, _NYQUIST))
+
     def voltage(self, at: Array) -> Array:
         """(k,) V s/rad: what an error of the speed makes of the voltage, with the current that follows it."""
         m = self.model
         return m["Km"] * np.hypot(1.0, at * m["J"] * m["Rm"] / m["Km"] ** 2)
+
+
+@lru_cache(maxsize=64)
+def _sections(corner: float) -> Array:
+    """Second-order sections of a Butterworth low-pass of order two. corner: of half the sampling rate."""
+    return np.asarray(scipy.signal.butter(2, corner, output="sos"))
 
 
 def tracking_doubt(

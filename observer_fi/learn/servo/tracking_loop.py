@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from observer_fi.errors import UsageError
 from observer_fi.learn.move_data import Experiment, run_alone
 from observer_fi.learn.servo.shown_position import shown_ahead
-from observer_fi.learn.servo.tracking_doubt import DAMPING, SMOOTH, Loop, tracking_doubt
+from observer_fi.learn.servo.tracking_doubt import DAMPING, Loop, tracking_doubt
 from observer_fi.numerics import runs
 from observer_fi.physics import Model, Rig, with_values
 from observer_fi.physics import simulation as s
@@ -211,14 +211,13 @@ def _off(experiment: Experiment, log: int, model: Model, phi: Array, own: Array)
     which the loop follows, and all of it.
     """
     t = experiment.history[log][0]
-    step, ring = float(np.median(np.diff(t))), Loop.of(model).ring
-    low_pass = scipy.signal.butter(2, min(SMOOTH * ring * step / math.pi, 0.9), output="sos")
+    step, loop = float(np.median(np.diff(t))), Loop.of(model)
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (own[1:] + own[:-1]) * np.diff(t))))
     ahead = phi - turned
     if own.any():
         noise = float(experiment.noise[POSITION]) / model["D"]
-        ahead = _while_it_stood(ahead, phi, own != 0.0, noise, 1.0 / (ring * step))
-    return scipy.signal.sosfiltfilt(low_pass, ahead), ahead
+        ahead = _while_it_stood(ahead, phi, own != 0.0, noise, 1.0 / (loop.ring * step))
+    return scipy.signal.sosfiltfilt(loop.low_pass(step), ahead), ahead
 
 
 def _while_it_stood(ahead: Array, phi: Array, moving: NDArray[np.bool_], noise: float, rows: float) -> Array:

@@ -174,15 +174,17 @@ class _First:
 
         found = minimize_scalar(
             lambda pitch: -self.said(float(pitch)).nats,
-            bounds=(top - step, top + step),
+            bounds=(max(top - step, -STEEPEST_DEG), min(top + step, STEEPEST_DEG)),
             method="bounded",
             options={"xatol": WITHIN * step},
         )
         return max(top, float(found.x), key=lambda pitch: self.said(pitch).nats)
 
     def _best_near(self, pitch: float, step: float, looks: int) -> float:
-        """The best of pitches so far apart, as many on either side of one [deg]."""
-        return max((pitch + step * k for k in range(-looks, looks + 1)), key=lambda one: self.said(one).nats)
+        """The best of pitches so far apart, as many on either side of one, and none steeper than a wall [deg]."""
+        apart = pitch + step * np.arange(-looks, looks + 1)
+        near = np.unique(np.clip(apart, -STEEPEST_DEG, STEEPEST_DEG)).tolist()
+        return max(near, key=lambda one: self.said(one).nats)
 
 
 def _pitched(rig: Rig, pitch: float) -> Rig:
