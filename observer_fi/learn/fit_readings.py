@@ -57,31 +57,43 @@ def readings_to_fit(logs: Sequence[Log], rig: Rig, filters: Sequence[Filter] = (
     """What fits may take of some logs of one rig. filters: that were taken out of their readings."""
     taken, estimates, hum, jitter, older = [], [], [], [], 0.0
     for log in logs:
-        acquisition = acquisition_of(log, rig.file_noise_std)
-        lines = [line.hz for channel in acquisition[:3] for line in channel.lines]
-        if lines:
-            hum += lines
-            log = without_lines(log, acquisition)
-            acquisition = acquisition_of(log, rig.file_noise_std)
-        taken_apart = without_means(log)
-        if taken_apart is not log:
-            log, acquisition = taken_apart, acquisition_of(taken_apart, rig.file_noise_std)
+        log, acquisition, lines = without_logger(log, rig)
+        hum += lines
         white = _settled_noise(log)
         channels = zip(acquisition[:3], white.tolist(), strict=True)
         estimates.append([noise if _plain(channel) else channel.as_white for channel, noise in channels])
-        clock = acquisition.clock
-        if clock.resolution_s:
-            log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
         jitter.append(np.hypot(clock_of(log.t).jitter_s, timing_doubt(filters) / log.rate_hz))
         older = max(older, 1.0 / log.rate_hz if _held_together(acquisition) else 0.0)
-        fresh = FreshReadings(acquisition, log.rate_hz, rig.file_noise_std).take(log)
-        fresh = without_late_updates(fresh, log, acquisition)
-        fresh = in_time(without_spikes(fresh, acquisition), acquisition)
-        taken.append(without_drive_off(fresh, acquisition))
+        taken.append(without_drive_off(fresh_readings(log, acquisition, rig), acquisition))
     found = np.array([_usual(column) for column in np.array(estimates).T])
     usual = rig.file_noise_std
     noise = np.where(np.isfinite(found), np.maximum(found, _NOISE_FLOOR * usual), usual)
     return Readings(taken, noise, tuple(hum), jitter, older)
+
+
+def without_logger(log: Log, rig: Rig) -> tuple[Log, Acquisition, list[float]]:
+    """A log on an even clock, without lines and means of samples; what its logger does besides; and the lines [Hz]."""
+    acquisition = acquisition_of(log, rig.file_noise_std)
+    lines = [line.hz for channel in acquisition[:3] for line in channel.lines]
+    if lines:
+        log = without_lines(log, acquisition)
+        acquisition = acquisition_of(log, rig.file_noise_std)
+    taken_apart = without_means(log)
+    if taken_apart is not log:
+        log, acquisition = taken_apart, acquisition_of(taken_apart, rig.file_noise_std)
+    clock = acquisition.clock
+    if clock.resolution_s:
+        log = replace(log, t=even(log.t, clock.interval_s, clock.resolution_s))
+    return log, acquisition, lines
+
+
+def fresh_readings(log: Log, acquisition: Acquisition, rig: Rig, coarse: bool = False) -> Log:
+    """A log with NaN for readings that say nothing new, or are spikes. coarse: whether those count that stand in steps."""
+    voltage, current, position = (c._replace(resolution=None) if coarse else c for c in acquisition[:3])
+    seen = Acquisition(voltage, current, position, acquisition.clock)
+    fresh = FreshReadings(seen, log.rate_hz, rig.file_noise_std).take(log)
+    fresh = without_late_updates(fresh, log, acquisition)
+    return in_time(without_spikes(fresh, acquisition), acquisition)
 
 
 def without_late_updates(fresh: Log, log: Log, acquisition: Acquisition) -> Log:

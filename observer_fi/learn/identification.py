@@ -15,8 +15,8 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn import section3 as cf
 from observer_fi.learn.contacts_and_losses import Breaks, find_breaks
+from observer_fi.learn.driven.integral_regression import identify_driven
 from observer_fi.learn.gauss_newton import Free
-from observer_fi.learn.integral_regression import identify_driven
 from observer_fi.learn.joint_likelihood import (
     Z95,
     JointFit,

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer_fi.errors import InvalidLogError
-from observer_fi.learn.integral_regression import identify_driven
+from observer_fi.learn.driven.integral_regression import identify_driven
 from observer_fi.learn.servo.servo_start import with_crawl
 from observer_fi.logs import without_means
 from observer_fi.physics import Rig

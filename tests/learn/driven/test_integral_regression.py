@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 
 from observer_fi.learn.contacts_and_losses import motor_angle
-from observer_fi.learn.integral_regression import (
-    DRAG,
-    Window,
-    _drag_hides_friction,
-    _from_voltage,
-    _integral,
-    _unknowns,
-)
+from observer_fi.learn.driven.from_voltage import circuit, from_voltage
+from observer_fi.learn.driven.integral_regression import DRAG, _drag_hides_friction, _unknowns
+from observer_fi.learn.driven.least_squares import integral
+from observer_fi.learn.driven.windows import Window
 from observer_fi.physics import DataSheet, Rig, rig_of_sheet
 
 
@@ -20,14 +16,14 @@ def test_an_integral_of_a_ring_of_twelve_samples_is_that_of_its_curve() -> None:
     t = np.arange(60) / 250.0
     ring = 2.0 * np.pi * 250.0 / 12.0
     exact = (1.0 - np.cos(ring * t)) / ring
-    off = np.abs(_integral(t, np.sin(ring * t)) - exact).max()
+    off = np.abs(integral(t, np.sin(ring * t)) - exact).max()
     assert off < 0.3 * np.abs(motor_angle(t, np.sin(ring * t)) - exact).max()
 
 
 def test_of_a_few_samples_it_is_by_trapezoids() -> None:
     t, y = np.array([0.0, 0.1, 0.3]), np.array([1.0, 2.0, 2.0])
-    np.testing.assert_allclose(_integral(t, y), [0.0, 0.15, 0.55])
-    assert _integral(t[:1], y[:1]) == 0.0
+    np.testing.assert_allclose(integral(t, y), [0.0, 0.15, 0.55])
+    assert integral(t[:1], y[:1]) == 0.0
 
 
 SHEET = DataSheet(
@@ -49,21 +45,29 @@ def soft_windows(rig: Rig, seed: int) -> list[Window]:
     return windows
 
 
-def fitted(windows: list[Window], rig: Rig, plain: bool = False) -> tuple:
-    return _from_voltage(windows, rig, _unknowns(windows), plain)
-
-
 @pytest.mark.slow
 def test_the_noise_of_the_current_makes_no_resistance_smaller() -> None:
     """Plain least squares took it for half of what it is, and every other constant with it."""
     rig = rig_of_sheet(SHEET).rig
-    found = [fitted(soft_windows(rig, seed), rig) for seed in range(12)]
-    Rm = np.array([values[0] for _, values, _, _ in found]) / rig.model["Rm"]
-    std = np.array([np.sqrt(covariance[0, 0]) for _, _, covariance, _ in found]) / rig.model["Rm"]
+    found = [circuit(w, _unknowns(w)).of(0) for w in (soft_windows(rig, seed) for seed in range(12))]
+    Rm, std = np.array(found).T / rig.model["Rm"]
     assert abs(Rm.mean() - 1.0) < 3.0 * std.mean() / np.sqrt(Rm.size)
     assert np.abs((Rm - 1.0) / std).max() < 4.0
-    plain = fitted(soft_windows(rig, 0), rig, plain=True)[1][0] / rig.model["Rm"]
-    assert plain < 1.0 - 4.0 * std.mean()
+    windows = soft_windows(rig, 0)
+    assert circuit(windows, _unknowns(windows), plain=True).x[0] / rig.model["Rm"] < 1.0 - 4.0 * std.mean()
+
+
+@pytest.mark.slow
+def test_what_the_position_tells_of_a_winding_is_told_with_it() -> None:
+    """Softly started moves tell equation 2 less of a resistance than equation 8."""
+    rig = rig_of_sheet(SHEET).rig
+    off, narrower = [], []
+    for seed in range(12):
+        windows = soft_windows(rig, 20 + seed)
+        s = from_voltage(windows, rig, _unknowns(windows))
+        off.append((s.values[0] - rig.model["Rm"]) / np.sqrt(s.covariance[0, 0]))
+        narrower.append(np.sqrt(s.covariance[0, 0]) / circuit(windows, _unknowns(windows)).of(0)[1])
+    assert np.abs(off).max() < 4.0 and np.median(narrower) < 1.0
 
 
 @pytest.mark.parametrize(

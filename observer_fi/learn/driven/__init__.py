@@ -1,0 +1,1 @@
+"""Rigs whose servo nobody knows: constants from readings alone."""

@@ -1,0 +1,210 @@
+"""Rigs whose servo is unknown: mechanics and winding from V, i and x alone, by equations 1 and 2 integrated in time.
+
+Over a window in which the motor turns one way, equation 1 gives
+
+    w(t) = w(0) + 1/J int (Km i - A s - B theta - b w) dt,         V = Rm i + Km w  (equation 2)
+
+and equation 8 gives int (V - Rm i) dt = Km/D (x - x(0)). Both are linear in their unknowns, with one or two free constants
+per window. Noise stands in the measured voltage and position; the integrals hardly feel it. Where no voltage is
+logged, the speed is integrated once more and compared with the position.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.learn.driven.from_position import FromPosition, from_position, left_open
+from observer_fi.learn.driven.from_voltage import FromVoltage, from_voltage
+from observer_fi.learn.driven.lateness import as_filters, shows, with_voltage_later
+from observer_fi.learn.driven.windows import WINDOW_S, Driven, Window, driven, windows_of
+from observer_fi.numerics import digits
+from observer_fi.physics import PARAMETERS, Rig
+from observer_fi.records import Array, Filter, Fit, Log, Parameter
+
+CANNOT_TELL = 0.3
+PITCH_SPAN = 2.0  # deg
+DRAG, NO_DRAG = "viscous_positive", 2.0  # standard errors below which a drag may be none
+SEVERAL = 2.0  # samples of a time constant that tell where the motor begins to turn behind it
+Z95 = 1.959964
+_SHIFTS = 4  # after which a channel is as late as it is
+_NEEDED = {
+    "J": "the speed hardly changes; record starts and stops",
+    "A": "no steady motion; record moves of a second or longer",
+    "B": "all motion is at one pitch; record moves at two pitches or more, 5 deg apart or farther",
+    "viscous_positive": "one speed only; record moves at three speeds or more",
+    "Rm": "current and speed change together; record starts and steady moves",
+    "Km": "current and speed change together; record starts and steady moves",
+    "torque_offset": "all moves go in one direction; record moves in both",
+}
+# The same where no voltage is logged: the current alone tells every torque in units of the maker's Km.
+_WITHOUT_VOLTAGE = {
+    "Rm": "no voltage is logged; log it",
+    "Km": "no voltage is logged, and torques are as good as the maker's value; log the voltage",
+}
+# What no healthy move tells, and no fit of this kind looks for: the rig file keeps what it had.
+_OF_FAULTS = dict.fromkeys(
+    ("C", "E", "A_decoupled", "J_decoupled"),
+    "no healthy move shows a stop or an open coupling; faults are told with the wide value of the rig file",
+)
+
+
+_Law = TypeVar("_Law", FromVoltage, FromPosition)
+
+
+class _Told(NamedTuple):
+    """What the windows tell: a fit but for what is missing in it."""
+
+    windows: list[Window]
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    left_open: Array
+    sigma: float
+    noise: float
+    unit: str
+    samples: int
+    late: tuple[Filter, ...]
+    inductance: Parameter | None
+
+
+def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
+    """Fit of a rig that is driven by its measured voltage or current: J, A, B, viscous friction, and Rm and Km from V.
+
+    Raises InvalidLogError where the motor never turns for long enough.
+    """
+    each = [driven(log, rig) for log in logs]
+    windows = [w for one in each for w in windows_of(one, rig)]
+    if not windows:
+        raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
+    with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and rig.model["Rm"] > 0.0
+    s = _by_voltage(each, rig) if with_voltage else _by_position(windows, rig)
+    parameters, covariance = _reported(s.names, s.values, s.covariance, rig, s.left_open)
+    needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
+    missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
+    nll = float(np.log(s.noise * np.sqrt(2.0 * np.pi)) + 0.5 * (s.sigma / s.noise) ** 2)
+    error = {s.unit: s.sigma / rig.model["Km"] if with_voltage else s.sigma}
+    told = (_of_winding(s.inductance, float(s.values[0])),) if s.inductance else ()
+    return Fit(
+        parameters, _correlation(covariance), missing, nll, error, {"windows": s.windows, "samples": s.samples},
+        filters=s.late, warnings=told, inductance=s.inductance,
+    )  # fmt: skip
+
+
+def _by_voltage(each: Sequence[Driven], rig: Rig) -> _Told:
+    """Behind the winding's inductance where it has one, and with a voltage as late as the current."""
+    late, ahead = 0.0, 0.0
+
+    def found(late: float, ahead: float) -> tuple[list[Window], FromVoltage]:
+        later = [with_voltage_later(one, late) for one in each]
+        windows = [w for one in later for w in windows_of(one, rig, ahead)]
+        windows = windows or [w for one in later for w in windows_of(one, rig)]
+        return windows, _without_drag(lambda names: from_voltage(windows, rig, names), windows)
+
+    interval = 1.0 / each[0].log.rate_hz
+    windows, s = found(late, ahead)
+    for _ in range(_SHIFTS):
+        more, std = s.solution.of(-1)
+        if not shows(more, std, interval):
+            break
+        late += more
+        windows, s = found(late, ahead)
+    L = s.inductance
+    if L and L[0] > SEVERAL * float(s.values[0]) * interval:
+        ahead = L[0]
+        windows, s = found(late, ahead)
+        L = s.inductance
+    position, std = s.position_late
+    behind = (0.0, late, late + position if shows(late + position, std, interval) else 0.0)
+    noise = float(np.hypot(rig.noise["voltage"], rig.model["Rm"] * rig.noise["current"]))
+    inductance = Parameter("inductance", *L, 0.0, "H", L[0] - Z95 * L[1], L[0] + Z95 * L[1]) if L else None
+    return _Told(
+        windows, s.names, s.values, s.covariance, np.zeros(s.values.size), s.solution.sigma, noise, "speed_rad_s",
+        s.solution.n, as_filters(behind, interval), inductance,
+    )  # fmt: skip
+
+
+def _by_position(windows: list[Window], rig: Rig) -> _Told:
+    """With a position as late as it shows."""
+    late = 0.0
+    interval = float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
+
+    def found(late: float) -> FromPosition:
+        return _without_drag(lambda names: from_position(windows, rig, names, late), windows)
+
+    s = found(late)
+    for _ in range(_SHIFTS):
+        if not shows(*s.late, interval):
+            break
+        late += s.late[0]
+        s = found(late)
+    return _Told(
+        windows, s.names, s.values, s.covariance, left_open(s.names, s.values, rig), rig.model["D"] * s.sigma,
+        rig.noise["position"], "position_m", s.n, as_filters((0.0, 0.0, late), interval), None,
+    )  # fmt: skip
+
+
+def _of_winding(L: Parameter, Rm: float) -> str:
+    return (
+        f"the voltage runs ahead of the current as {digits(1e3 * L.value)} mH in the winding make it "
+        f"({digits(1e3 * L.value / Rm)} ms): the constants are those behind it, and the rig file has it, so that `diagnose` "
+        "takes it out of the voltage"
+    )
+
+
+def _without_drag(law: Callable[[tuple[str, ...]], _Law], windows: Sequence[Window]) -> _Law:
+    """What a law tells, without a viscous drag where that only hides the friction."""
+    names = _unknowns(windows)
+    s = law(names)
+    hidden = _drag_hides_friction(s.names, s.values, s.covariance)
+    return law(tuple(n for n in names if n != DRAG)) if hidden else s
+
+
+def _drag_hides_friction(names: Sequence[str], values: Array, covariance: Array) -> bool:
+    """Whether friction has no value only because a drag is free beside it that is none: less than its standard errors say."""
+    if DRAG not in names:
+        return False
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    a, drag = names.index("A"), names.index(DRAG)
+    return bool(std[a] > CANNOT_TELL * abs(values[a]) and values[drag] < NO_DRAG * std[drag])
+
+
+def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
+    """J, A and what the motion can tell."""
+    names = ["J", "A"]
+    pitch = np.array([w.pitch.mean() for w in windows])
+    speed = np.array([np.abs(w.w).mean() for w in windows])
+    if np.ptp(pitch) > PITCH_SPAN:
+        names.append("B")
+    if np.ptp(speed) > 0.2 * speed.max():
+        names.append("viscous_positive")
+    if len({w.sign for w in windows}) == 2:
+        names.append("torque_offset")
+    return tuple(names)
+
+
+def _reported(
+    names: Sequence[str], values: Array, covariance: Array, rig: Rig, left_open: Array
+) -> tuple[tuple[Parameter, ...], Array]:
+    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too.
+
+    left_open: standard deviations that intervals hold besides.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = Z95 * np.hypot(std, left_open)
+    small = ("torque_offset", "viscous_positive")
+    sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
+    found = tuple(
+        Parameter(
+            names[k], float(values[k]), float(std[k]), rig.model[names[k]], PARAMETERS[names[k]][0],
+            float(values[k] - half[k]), float(values[k] + half[k]),
+        )
+        for k in sure
+    )  # fmt: skip
+    return found, covariance[np.ix_(sure, sure)]
+
+
+def _correlation(covariance: Array) -> Array:
+    d = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return covariance / np.outer(d, d)
