@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts load when they are used
 
 from observer_fi.learn.driven.least_squares import (
     Solution,
@@ -28,8 +29,10 @@ from observer_fi.records import Array
 WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet differs
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
+LARGEST_S = 5e-3  # time constant of a winding that may be there
 SKEW = 0.5  # of a sample, by which the channels of a converter that reads them in turn are off, one standard deviation
 STEP = 0.1  # of a standard error: a whole one of an inertia that slow logs hardly tell is no small one
+_IN_TIME = 0.05  # of that: as good as none
 _HALF = 0.5  # of what every second sample alone changes (Richardson's extrapolation says a third or less)
 _RM, _PER_J = (
     0,
@@ -39,7 +42,8 @@ _RM, _PER_J = (
 
 class FromVoltage(NamedTuple):
     """What voltage, current and position tell. values, covariance: of `names`; solution: Rm, Km^2/J, Km/J times each load, L [H],
-    and by how much the current is late [s]; position_late [s] and its standard error. Both: against the voltage.
+    and by how much the current is late [s]; position_late [s] and its standard error. Both: against the voltage. inductance: with
+    its standard error, where there is one beyond doubt if the current is not late, which is less likely, and a start shows it.
     """
 
     names: tuple[str, ...]
@@ -47,18 +51,13 @@ class FromVoltage(NamedTuple):
     covariance: Array
     solution: Solution
     position_late: tuple[float, float]
-
-    @property
-    def inductance(self) -> tuple[float, float] | None:
-        """Of a winding that has one beyond doubt, and one that a start shows, with its standard error."""
-        L, std = self.solution.of(-2)
-        return None if max(SHOWS_STD * std, SHOWS_S * float(self.solution.x[_RM])) > L else (L, std)
+    inductance: tuple[float, float] | None
 
 
 def from_voltage(windows: Sequence[Window], rig: Rig, names: tuple[str, ...]) -> FromVoltage:
     """Rm and Km, and what `names` says of the mechanics, J first; maker's data enter as priors."""
     s = with_samples_between(circuit(windows, names), lambda w: circuit(w, names, plain=True), windows)
-    s = _with_winding(windows, rig, s)
+    s, wound = _with_winding(windows, rig, s)
     Rm, L = float(s.x[_RM]), float(s.x[-2])
     (_, Km_std), position_late = _torque_constant(windows, rig, Rm, L)
 
@@ -72,7 +71,14 @@ def from_voltage(windows: Sequence[Window], rig: Rig, names: tuple[str, ...]) ->
     covariance[:-1, :-1] = s.covariance
     covariance[-1, -1] = Km_std**2
     slope = _slopes(values, at, STEP * np.sqrt(np.diag(covariance)))
-    return FromVoltage(("Rm", "Km", *names), values(at), slope @ covariance @ slope.T, s, position_late)
+    return FromVoltage(
+        ("Rm", "Km", *names),
+        values(at),
+        slope @ covariance @ slope.T,
+        s,
+        position_late,
+        s.of(-2) if wound else None,
+    )
 
 
 def circuit(windows: Sequence[Window], names: Sequence[str], plain: bool = False) -> Solution:
@@ -106,11 +112,11 @@ def with_samples_between(
     return s._replace(covariance=covariance)
 
 
-def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> Solution:
-    """The circuit with Rm in place of the coefficient of i, L in that of di/dt, and the time by which the current is late.
+def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> tuple[Solution, bool]:
+    """The circuit with Rm in place of the coefficient of i, L in that of di/dt, and the time by which the current is late; and
+    whether there is an inductance.
 
-    What equation 8, the maker and a winding that may be warmer say of Rm counts; and that there is no inductance where none is
-    beyond doubt, which then tells that time. What looks like less than none is a filter before the current, and tells nothing.
+    What equation 8, the maker and a winding that may be warmer say of Rm counts.
     """
     of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
     late = SKEW * float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
@@ -123,9 +129,40 @@ def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> Solution:
     s = s.knowing(_RM, *_resistance(windows, rig))
     Rm = rig.model["Rm"]
     s = s.knowing(_RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER)))
+    return _wound_or_late(s, Rm, late)
+
+
+def _wound_or_late(s: Solution, Rm: float, skew: float) -> tuple[Solution, bool]:
+    """A circuit with an inductance, or a current that is late, or both, whichever is likeliest, and whether it has an inductance;
+    its covariance holds what the others say, as likely as they are. Where both are beyond doubt they are as they are.
+
+    skew: standard deviation of the time by which channels are late that nobody has timed [s].
+    """
+    (L, L_std), (late, late_std) = s.of(-2), s.of(-1)
+    if abs(L) > SHOWS_STD * L_std and abs(late) > SHOWS_STD * late_std:
+        return s, _shows(s, Rm)
+    wound, timed, little = s.x.size - 2, s.x.size - 1, 0.5 * SHOWS_S * Rm
+    unwound, in_time = s.knowing(wound, 0.0, little), s.knowing(timed, 0.0, _IN_TIME * skew)
+    log_density, log_share = scipy.stats.norm.logpdf, scipy.stats.norm.logcdf
+    there = [log_share(np.divide(*one.of(-2))) - np.log(LARGEST_S * Rm) for one in (in_time, s)]
+    nats = np.array([
+        log_density(0.0, L, np.hypot(L_std, little)),
+        log_density(0.0, late, late_std) - log_density(0.0, 0.0, skew) + there[0],
+        there[1],
+    ])  # fmt: skip
+    each, share = (unwound, in_time, s), scipy.special.softmax(nats)
+    best = each[int(np.argmax(nats))]
+    apart = [one.x - best.x for one in each]
+    parts = zip(share, each, apart, strict=True)
+    covariance = sum(
+        (p * (one.covariance + np.outer(d, d)) for p, one, d in parts), np.zeros_like(s.covariance)
+    )
+    return best._replace(covariance=covariance), best is not unwound and _shows(best, Rm)
+
+
+def _shows(s: Solution, Rm: float) -> bool:
     L, std = s.of(-2)
-    shows = max(SHOWS_STD * std, SHOWS_S * Rm) < abs(L)
-    return s if shows else s.knowing(s.x.size - 2, 0.0, 0.5 * SHOWS_S * Rm)
+    return max(SHOWS_STD * std, SHOWS_S * Rm) < L
 
 
 def _resistance(windows: Sequence[Window], rig: Rig) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Constants of rigs without a known servo from what real loggers keep of a campaign."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 
 import hidden
@@ -104,3 +105,20 @@ def test_a_channel_that_is_late_is_told(name: str, seed: int) -> None:
 @pytest.mark.first(1, 2)
 def test_no_channel_is_late_in_a_log_that_is_as_it_is(seed: int) -> None:
     assert learned("as it is", "voltage", seed)[1].filters == ()
+
+
+@pytest.mark.parametrize(("seed", "late_by"), [(863301, 0.0), (863301, 0.5), (863302, 0.5), (863306, 0.5)])
+@pytest.mark.first(1, 2)
+def test_an_inductance_beside_a_current_that_is_late_makes_no_constant_wrong(
+    seed: int, late_by: float
+) -> None:
+    """An inductance is told; a winding that nothing tells from a lateness widens what is said of it."""
+    actuator = hidden.draw_actuator(seed, "voltage")
+    R = actuator.rig.Rm + actuator.rig.Rs
+    actuator = replace(actuator, rig=replace(actuator.rig, L=1.5e-3 * R))
+    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
+    rig = rig_of_sheet(drawn_sheet(actuator, "voltage")).rig
+    fit = identify([log_from_frame(late(CURRENT, late_by)(frame))], rig)
+    assert max(map(abs, in_standard_errors(actuator.rig, fit).values())) < 4.0
+    assert fit.inductance is not None
+    assert abs(fit.inductance.value - 1.5e-3 * R) < 4.0 * fit.inductance.std + 0.15e-3 * R
