@@ -37,6 +37,7 @@ from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.learn.servo.servo_ticks import Ticks, are_one, with_one_age
 from observer_fi.logs import (
+    LowPass,
     LowPasses,
     log_phases,
     mean_square_by_phase,
@@ -249,11 +250,29 @@ def campaign_readings(logs: Sequence[Log], rig: Rig) -> Campaign:
 
     A servo's current has one age in them (`servo_ticks.py`), and filters that come before the readings are taken out.
     """
-    if not rig.driven.servo or needs_start(rig):
+    if not rig.driven.servo:
+        return _in_time(logs, rig)
+    if needs_start(rig):
         return Campaign(list(logs), LowPasses(), ())
     read = _as_read(logs, rig, filters=True)
     taken = [unfiltered(log, read.low_passes.told) for log in read.logs]
     return Campaign(taken, read.low_passes, read.ticks)
+
+
+def _in_time(logs: Sequence[Log], rig: Rig) -> Campaign:
+    """Logs without a known servo whose voltage is of the time of their position, and by how much the current is late, which is
+    not interpolated (`tracked`). A position that is late is a cause with a name.
+    """
+    try:
+        found = {own.channel: own.late for own in identify_driven(logs, rig).filters}
+    except InvalidLogError:
+        found = {}
+    voltage, current = found.get("voltage", 0.0), found.get("current", 0.0)
+    low_passes = LowPasses(
+        voltage=LowPass(late=max(voltage - current, 0.0)), current=LowPass(late=max(current - voltage, 0.0))
+    )
+    of_voltage = LowPasses(voltage=low_passes.voltage).told
+    return Campaign([unfiltered(log, of_voltage) for log in logs], low_passes, ())
 
 
 def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:

@@ -471,7 +471,8 @@ def simulated_moves(
     experiment = replace(prepare(logs, driven, cut, share_of(cut, MOST_ROWS), filters), steps=_STEPS)
     settings = settings or MoveSettings()
     if not rig.driven.servo:
-        near, looped = tracked(experiment, rig)
+        late = sum(own.late for own in filters if own.channel == "current") / logs[0].rate_hz
+        near, looped = tracked(experiment, rig, late)
         model = with_stops(near, logs, looped, experiment)
         return SimulatedMoves(tuple(logs), looped, near, model, settings, given=rig, logged=experiment)
     experiment = _with_timed_command(with_whole_command(experiment, logs, rig), logs, rig)

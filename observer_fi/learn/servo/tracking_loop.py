@@ -42,12 +42,12 @@ _OF_VOLTAGE = ("electrical", "sensor:voltage")
 CURRENT, POSITION = 1, 2
 
 
-def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
+def tracked(experiment: Experiment, rig: Rig, late: float = 0.0) -> tuple[Experiment, Rig]:
     """The moves of a rig without a servo as those of one whose servo is the loop of this module, and the rig with it.
 
     The current drives and counts no more, and its noise is in the voltage that it makes, which tells nothing where no current was
-    read beside it; nor does what is read once friction has caught the mass. Raises UsageError for a rig with which no simulation
-    stays near the moves.
+    read beside it; nor does what is read once friction has caught the mass. late: by which the current was read later than the
+    other channels [s]; it is no smoother for that. Raises UsageError for a rig with which no simulation stays near the moves.
     """
     looped = _with_loop(experiment, rig)
     model = looped.model
@@ -65,6 +65,7 @@ def tracked(experiment: Experiment, rig: Rig) -> tuple[Experiment, Rig]:
         silent=silent,
         older_s=float(np.median(np.diff(experiment.t[experiment.rows(0)]))),
         driven=_filled_current(experiment),
+        driven_late=late,
     )
     near = followed(loose, model)
     w = run_alone(near, model, np.zeros((near.moves, 2)))[0][:, s.W]
@@ -258,6 +259,7 @@ def _command(experiment: Experiment, log: int, model: Model, w: Array) -> tuple[
         rows = experiment.rows(m)
         t, i = experiment.t[rows], experiment.driven[rows]
         held = _held(t, i, _at_rest(experiment, m), Kp / Ki)
+        t = t - experiment.driven_late
         measured = np.interp(t, experiment.history[log][0], w)
         times.append(t)
         values.append(measured + (i - held) / Kp)
