@@ -59,8 +59,8 @@ class Experiment:
     values of the commanded speed, steeper than accel [rad/s^2] nowhere. history: per log, time and current on the whole log, for
     the slow states. at_rest: see `Drive`. hum_hz: lines of the logger. older_s: by which voltage and current may be older than
     their rows. silent: equations that are not simulated. driven (N,): the measured current that drives a simulation in place of a
-    servo [A], empty where a servo does, read later than the rest by driven_late [s]. shown (N,): by which the angle that the position tells is ahead of the motor's in the
-    model that such a simulation follows [rad].
+    servo [A], empty where a servo does, read later than the rest by driven_late [s]. shown (N,): by which the angle that the
+    position tells is ahead of the motor's in the model that such a simulation follows [rad].
     """
 
     t: Array
