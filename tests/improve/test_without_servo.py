@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 
 import hidden
+import numpy as np
 import pytest
 from drawn_sheets import drawn_sheet
 from hidden.effects import Effect, effect
@@ -132,6 +133,25 @@ def test_a_healthy_campaign_misses_nothing(drive: str, seed: int) -> None:
     assert not given & {"Kp", "Ki", "Vmax", "Rs"}  # of the loop that stood for a servo
     untold = [name for name in OF_A_SERVO if found.detectable[name] is not None]
     assert not untold and found.detectable["viscous_friction"] is not None
+
+
+@pytest.mark.slow
+@pytest.mark.study
+@pytest.mark.parametrize(("column", "samples"), [("current_a", 0.5), ("voltage_v", 0.5)])
+@pytest.mark.usefixtures("not_on_new_moves")
+def test_channels_that_are_read_one_after_the_other_miss_nothing(column: str, samples: float) -> None:
+    """A current half a sample late left 1.3 nats, told as "torque over pitch"; interpolated at its time, 59."""
+    actuator = hidden.draw_actuator(863009, "voltage")
+    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), 863009)
+    t = frame["time_s"].to_numpy()
+    frame[column] = np.interp(t - samples * np.median(np.diff(t)), t, frame[column])
+    log, rig = log_from_frame(frame), rig_of_sheet(drawn_sheet(actuator, "voltage")).rig
+    found = improve([log], identified_rig(identify([log], rig), rig))
+    assert found.findings == () and found.unexplained == ()
+    assert found.baseline.nll_per_sample < found.baseline.noise_floor_nll + 0.3
+    assert {own.channel: own.late for own in found.filters} == {
+        column.split("_")[0]: pytest.approx(samples, abs=0.1)
+    }
 
 
 @pytest.mark.slow
