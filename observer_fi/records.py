@@ -116,7 +116,8 @@ class ChannelTraits(NamedTuple):
     the last rest is more than that of the first; travel: largest less smallest reading of the log; low_pass_hz: corner of a
     filter before the readings that was taken out of them, None where there is none; hold_s: how long a reading stands at
     most that is held unevenly [s], None of others; moving: by what its noise is more in motion than at rest;
-    read: share of the rows that have a reading; share: of the reading, by which its noise grows with it.
+    read: share of the rows that have a reading; share: of the reading, by which its noise grows with it; late_s: by which it is
+    read later than the earliest channel, as the logs of a rig without a known servo have shown.
     """
 
     noise_std: float
@@ -137,6 +138,7 @@ class ChannelTraits(NamedTuple):
     moving: float = 1.0
     read: float = 1.0
     share: float = 0.0
+    late_s: float = 0.0
 
     @property
     def in_a_band(self) -> bool:

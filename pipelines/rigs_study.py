@@ -27,7 +27,7 @@ from observer_fi.cli import main as command
 from observer_fi.errors import InvalidLogError, UsageError
 from observer_fi.improve import improve
 from observer_fi.learn import identified_rig, identify, with_equation_errors
-from observer_fi.logs import log_from_frame, with_command, with_logger
+from observer_fi.logs import filtered_logger, log_from_frame, with_command, with_logger
 from observer_fi.physics import Rig, load_rig
 from observer_fi.records import Log, Parameter
 from observer_fi.settings import Settings
@@ -75,9 +75,11 @@ def _from_sheet(actuator: hidden.Actuator) -> Rig:
 def _learned(actuator: hidden.Actuator) -> Rig:
     rig = _from_sheet(actuator)
     log = _campaign(actuator, rig)
-    found = identified_rig(identify([log], rig), rig)
+    fit = identify([log], rig)
+    found = identified_rig(fit, rig)
     log = with_command(log, found)
-    return with_equation_errors(with_logger(found, [log]), [log])
+    logged = filtered_logger(with_logger(found, [log]), fit.filters, log.rate_hz)
+    return with_equation_errors(logged, [log], fit.filters)
 
 
 def _campaign(actuator: hidden.Actuator, rig: Rig) -> Log:

@@ -82,7 +82,7 @@ def run_identify(args: argparse.Namespace) -> int:
         by_phase = residuals_by_phase(logs, fit, rig)
         found = identified_rig(fit, rig)
         logs = [with_command(log, found) for log in logs] if found.driven.motor else logs
-        logged = filtered_logger(with_logger(found, logs), fit.filters)
+        logged = filtered_logger(with_logger(found, logs), fit.filters, logs[0].rate_hz)
         learned = with_equation_errors(logged, logs, fit.filters)
     _tell_readings(fit.filters, fit.warnings)
     files = identify_files(fit, rig, learned, by_phase, name, list(args.logs), note)

@@ -133,7 +133,9 @@ def improve(
     progress("what diagnose says of moves that no fit saw")
     counts = new_moves(problem, ladder, rig)
     best = handed_over(problem, ladder, rig, found.extended_rig, counts.best)
-    learned = filtered_logger(with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters)
+    learned = filtered_logger(
+        with_logger(best, [with_command(log, rig) for log in logs[:1]]), filters, logs[0].rate_hz
+    )
     return replace(
         found, rig=problem.written, extended_rig=replace(learned, inductance=winding), new_moves=counts, filters=filters,
         warnings=(*campaign.told, *told(problem)),

@@ -13,9 +13,11 @@ import numpy as np
 from observer_fi.bank import Bank, bank, between_samples, usual_errors
 from observer_fi.logs import (
     Readings,
+    SetBack,
     Uninductive,
     acquisition_of,
     inductance_of,
+    late_by,
     unfiltered,
     with_command,
     without_means,
@@ -49,10 +51,15 @@ def with_equation_errors(rig: Rig, logs: Sequence[Log], filters: Sequence[Filter
     if not rig.driven.motor or not logs:
         return rig
     settings = replace(BankSettings(), glitch_samples=0, unknown=False, sensors=False)
-    parts = [_part(unfiltered(log, filters), rig) for log in logs]
+    parts = [_part(_in_time(log, rig, filters), rig) for log in logs]
     usual = usual_errors(settings, rig)
     errors = _likeliest(parts, settings, usual)
     return replace(rig, errors=_above_peaks(parts, settings, errors))
+
+
+def _in_time(log: Log, rig: Rig, filters: Sequence[Filter]) -> Log:
+    """A log as `diagnose` takes it whose readings come through filters, or late beside a servo that nobody knows."""
+    return unfiltered(log, filters) if rig.watched.servo else SetBack(late_by(filters)).take(log)
 
 
 def _part(log: Log, rig: Rig) -> tuple[Log, Rig]:

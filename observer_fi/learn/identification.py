@@ -169,7 +169,14 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     Raises InvalidLogError where no log holds a move that can be used. Drives 'voltage' and 'current' need no servo
     gains (`integral_regression.py`); drive 'force' is `inverse_dynamics.py`'s.
     """
-    logs = [thinned(log, rig) for log in logs]
+    given, logs = logs[0], [thinned(log, rig) for log in logs]
+    fit = _identified(logs, rig, filters)
+    more = given.rate_hz / logs[0].rate_hz if fit.filters else 1.0
+    return replace(fit, filters=tuple(own._replace(late=more * own.late) for own in fit.filters))
+
+
+def _identified(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
+    """`identify` of logs of no more samples than tell something."""
     if not rig.driven.motor:
         from observer_fi.learn.inverse_dynamics import identify_force
 

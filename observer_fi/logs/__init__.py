@@ -54,6 +54,7 @@ from observer_fi.logs.logger.low_pass import (
 from observer_fi.logs.logger.means import Mean, Unmeant, means_of, without_means
 from observer_fi.logs.logger.noise_changes import NoiseChange, noise_change, shown_by
 from observer_fi.logs.logger.readings import FEWEST_STEPS, Readings
+from observer_fi.logs.logger.set_back import Lateness, SetBack, late_by
 from observer_fi.logs.logger.winding import (
     Uninductive,
     change_rate,
@@ -92,6 +93,7 @@ __all__ = [
     "SET_UP_DEG",
     "quarter_of_a_ring",
     "quiet_speed",
+    "Lateness",
     "LowPass",
     "Mean",
     "Uninductive",
@@ -107,6 +109,7 @@ __all__ = [
     "Thinner",
     "acquisition_of",
     "filtered_logger",
+    "late_by",
     "timing_doubt",
     "told_filter",
     "unfiltered",
@@ -154,6 +157,7 @@ __all__ = [
     "Phase",
     "Progress",
     "Readings",
+    "SetBack",
     "Row",
     "SHOWN_SUFFIXES",
     "SUFFIXES",

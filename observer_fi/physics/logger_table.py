@@ -25,7 +25,7 @@ def _channel(c: ChannelTraits) -> dict[str, Any]:
         "noise_std": c.noise_std, "as_white": c.as_white, "resolution": c.resolution, "update_hz": c.update_hz,
         "lines_hz": [line.hz for line in c.lines], "line_amplitudes": [line.amplitude for line in c.lines],
         "correlation_s": c.correlation_s, "spikes": c.spikes, "averaged_samples": c.averaged,
-        "low_pass_hz": c.low_pass_hz,
+        "low_pass_hz": c.low_pass_hz, "late_s": c.late_s or None,
     }  # fmt: skip
 
 
@@ -47,6 +47,7 @@ def _traits(entry: Mapping[str, Any]) -> ChannelTraits:
         noise, entry.get("as_white", noise), entry.get("resolution"), entry.get("update_hz"),
         tuple(Line(hz, amplitude) for hz, amplitude in lines), entry.get("correlation_s"), entry.get("spikes", 0),
         entry.get("averaged_samples", 1), low_pass_hz=entry.get("low_pass_hz"),
+        late_s=entry.get("late_s", 0.0),
     )  # fmt: skip
 
 

@@ -109,6 +109,7 @@ class _Channel(_Strict):
     spikes: Annotated[int, Field(ge=0)] = 0
     averaged_samples: Annotated[int, Field(ge=1, le=10**6)] = 1
     low_pass_hz: Positive | None = None
+    late_s: Error | None = None
 
 
 class _Clock(_Strict):

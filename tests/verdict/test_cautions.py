@@ -8,6 +8,7 @@ import pytest
 from hidden import draw_move_case, make_log_with
 from logged_signals import SIGMA
 
+from observer_fi.logs import Lateness
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.logs.logger.low_pass import LowPass, LowPasses
 from observer_fi.logs.logger.means import Mean
@@ -16,7 +17,6 @@ from observer_fi.records import Acquisition, ChannelTraits, Clock, Consistency, 
 from observer_fi.settings import Settings
 from observer_fi.verdict.cautions import cautions
 from observer_fi.verdict.diagnosis import diagnose_log
-from observer_fi.verdict.logger.lateness import Lateness
 from observer_fi.verdict.moves.of_the_day import Day
 
 RIG = load_rig()

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from logged_signals import RATE, clock, log_of, signal
 
+from observer_fi.logs import Lateness, SetBack
 from observer_fi.logs.ingest import log_from_frame
 from observer_fi.physics.drives import DRIVES
 from observer_fi.physics.rigs import load_rig
@@ -20,7 +21,7 @@ from observer_fi.settings import BankSettings, Settings
 from observer_fi.verdict.diagnosis import diagnose_log
 from observer_fi.verdict.logger import lateness
 from observer_fi.verdict.logger.as_logged import AsLogged
-from observer_fi.verdict.logger.lateness import Lateness, SetBack, lateness_of, set_right
+from observer_fi.verdict.logger.lateness import lateness_of, set_right
 from observer_fi.verdict.logger.no_command import with_its_servo
 
 RIG, SETTINGS = load_rig(), BankSettings()

@@ -74,12 +74,12 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 
     Raises InvalidLogError where the motor never turns for long enough.
     """
-    each = [driven(log, rig) for log in logs]
+    each, rate_hz = [driven(log, rig) for log in logs], logs[0].rate_hz
     windows = [w for one in each for w in windows_of(one, rig)]
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and rig.model["Rm"] > 0.0
-    s = _by_voltage(each, rig) if with_voltage else _by_position(windows, rig)
+    s = _by_voltage(each, rig, rate_hz) if with_voltage else _by_position(windows, rig, rate_hz)
     parameters, covariance = _reported(s.names, s.values, s.covariance, rig, s.left_open)
     needed = _NEEDED | _OF_FAULTS | ({} if with_voltage else _WITHOUT_VOLTAGE)
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
@@ -92,8 +92,8 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     )  # fmt: skip
 
 
-def _by_voltage(each: Sequence[Driven], rig: Rig) -> _Told:
-    """Behind the winding's inductance where it has one, and with a voltage as late as the current."""
+def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
+    """Behind the winding's inductance where it has one, and with a voltage as late as the current. rate_hz: of the log."""
     late, ahead = 0.0, 0.0
 
     def found(late: float, ahead: float) -> tuple[list[Window], FromVoltage]:
@@ -121,12 +121,12 @@ def _by_voltage(each: Sequence[Driven], rig: Rig) -> _Told:
     inductance = Parameter("inductance", *L, 0.0, "H", L[0] - Z95 * L[1], L[0] + Z95 * L[1]) if L else None
     return _Told(
         windows, s.names, s.values, s.covariance, np.zeros(s.values.size), s.solution.sigma, noise, "speed_rad_s",
-        s.solution.n, as_filters(behind, interval), inductance,
+        s.solution.n, as_filters(behind, rate_hz), inductance,
     )  # fmt: skip
 
 
-def _by_position(windows: list[Window], rig: Rig) -> _Told:
-    """With a position as late as it shows."""
+def _by_position(windows: list[Window], rig: Rig, rate_hz: float) -> _Told:
+    """With a position as late as it shows. rate_hz: of the log."""
     late = 0.0
     interval = float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
 
@@ -141,7 +141,7 @@ def _by_position(windows: list[Window], rig: Rig) -> _Told:
         s = found(late)
     return _Told(
         windows, s.names, s.values, s.covariance, left_open(s.names, s.values, rig), rig.model["D"] * s.sigma,
-        rig.noise["position"], "position_m", s.n, as_filters((0.0, 0.0, late), interval), None,
+        rig.noise["position"], "position_m", s.n, as_filters((0.0, 0.0, late), rate_hz), None,
     )  # fmt: skip
 
 

@@ -17,9 +17,9 @@ def shows(late: float, std: float, interval: float) -> bool:
     return abs(late) > max(_SURE * std, _SEEN * interval)
 
 
-def as_filters(late: tuple[float, float, float], interval: float) -> tuple[Filter, ...]:
+def as_filters(late: tuple[float, float, float], rate_hz: float) -> tuple[Filter, ...]:
     """What is told of channels that are later than another one by as much [s]: behind the one that is the earliest."""
-    behind = [(own - min(late)) / interval for own in late]
+    behind = [(own - min(late)) * rate_hz for own in late]
     return tuple(
         Filter(name, math.inf, 1, own) for name, own in zip(CHANNELS, behind, strict=True) if own > _SEEN
     )

@@ -204,6 +204,18 @@ def told_filter(own: Filter) -> str:
     )
 
 
-def filtered_logger(rig: Rig, filters: Iterable[Filter]) -> Rig:
-    """The rig whose logger has these filters; as it is where nothing is known of its logger."""
-    return replace(rig, logger=with_low_passes(rig.logger, filters)) if rig.logger else rig
+def filtered_logger(rig: Rig, filters: Iterable[Filter], rate_hz: float) -> Rig:
+    """The rig whose logger has these filters, of logs of so many samples a second; as it is where nothing is known of its logger.
+
+    What is late beside a known servo is measured anew in each log; beside an unknown one not every start tells it.
+    """
+    if not rig.logger:
+        return rig
+    told = tuple(filters)
+    seen = with_low_passes(rig.logger, told)
+    if rig.driven.servo:
+        return replace(rig, logger=seen)
+    late = {own.channel: own.late / rate_hz for own in told if math.isinf(own.corner_hz)}
+    pairs = zip(CHANNELS, seen[:3], strict=True)
+    voltage, current, position = (traits._replace(late_s=late.get(name, 0.0)) for name, traits in pairs)
+    return replace(rig, logger=Acquisition(voltage, current, position, seen.clock))

@@ -176,7 +176,7 @@ class Identification(Result):
         """The rig with the values that were learned."""
         found = learn.identified_rig(self.fit, self.before)
         logs = [with_command(log, found) for log in self.logs] if found.driven.motor else self.logs
-        learned = filtered_logger(with_logger(found, logs), self.fit.filters)
+        learned = filtered_logger(with_logger(found, logs), self.fit.filters, logs[0].rate_hz)
         return learn.with_equation_errors(learned, logs, self.fit.filters)
 
     @property

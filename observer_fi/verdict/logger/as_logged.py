@@ -15,9 +15,11 @@ from observer_fi.bank import between_samples, repeat_share, with_servo_error
 from observer_fi.logs import (
     SHORTEST_REST,
     Hum,
+    Lateness,
     LowPasses,
     Mean,
     Readings,
+    SetBack,
     Unfiltered,
     Uninductive,
     Unmeant,
@@ -31,7 +33,7 @@ from observer_fi.logs import (
 from observer_fi.physics import COLUMNS, Rig
 from observer_fi.records import CHANNELS, Acquisition, Array, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, lateness_of, set_right
+from observer_fi.verdict.logger.lateness import first_start, lateness_of, set_right
 from observer_fi.verdict.logger.low_pass import low_passes_of
 from observer_fi.verdict.logger.offset import as_in_motion, electrical_offset
 from observer_fi.verdict.logger.winding import inductance_at_start
@@ -157,7 +159,8 @@ class AsLogged:
         known = replace(rig, logger=self.acquisition)
         ahead = {mean.channel: mean.ahead for mean in self.means}
         behind = (0.5 * (channel.averaged - 1) for channel in self.acquisition[:3])
-        averaged = Lateness(*(own - ahead.get(c, 0.0) for c, own in enumerate(behind)))
+        late = zip(behind, self._filed_late(log, rig), strict=True)
+        averaged = Lateness(*(own - ahead.get(c, 0.0) + filed for c, (own, filed) in enumerate(late)))
         begun = self._even(self.readings.take(log))
         # a filter begins at whole turns of what the position shows: in the first start by itself at others than in the log
         turned = phases_of(first_start(begun), known, self.settings).of(known)
@@ -179,6 +182,12 @@ class AsLogged:
         self.rig = self.phases.of(rig if filed else known)
         self._begin(log, rig)
         return start
+
+    def _filed_late(self, log: Log, rig: Rig) -> Lateness:
+        """How many samples channels are late by the rig file, beside a servo that nobody knows: not every start tells it."""
+        if self.filed is None or rig.watched.servo:
+            return Lateness()
+        return Lateness(*(channel.late_s * log.rate_hz for channel in self.filed[:3]))
 
     def _in_steps(self, measured: Acquisition) -> Acquisition:
         """What a log without its filters shows of its logger, with the steps in which its readings came."""

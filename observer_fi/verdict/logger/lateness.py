@@ -7,13 +7,11 @@ that is later still a delay of its sensor.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from observer_fi.bank import Bank
-from observer_fi.logs import SHORTEST_REST, moves_from_rest, quiet_speed
+from observer_fi.logs import SHORTEST_REST, Lateness, SetBack, moves_from_rest, quiet_speed
 from observer_fi.physics import Rig, with_values
 from observer_fi.records import Array, Log
 from observer_fi.settings import BankSettings
@@ -32,47 +30,6 @@ COMMON = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 FIRST_LOOK_OF_POSITION = (4.0, 16.0)
 NOTICED_OF_POSITION = 15.0  # nats: it changes little in a start
 OF_POSITION = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-
-
-class Lateness(NamedTuple):
-    """How many samples voltage, current and position are behind the command."""
-
-    voltage: float = 0.0
-    current: float = 0.0
-    position: float = 0.0
-
-    @property
-    def electrical(self) -> float:
-        """The later one of voltage and current, 0 where both come ahead of the command."""
-        return max(self.voltage, self.current, 0.0)
-
-
-class SetBack:
-    """Readings of one log, chunk by chunk, with voltage, current and position at one time."""
-
-    def __init__(self, late: Lateness) -> None:
-        common = late.electrical
-        self.samples = [max(common - own, 0.0) for own in late]
-        self.before = np.empty((0, 3))
-
-    def take(self, log: Log) -> Log:
-        """The next chunk."""
-        if not any(self.samples):
-            return log
-        room = int(np.ceil(max(self.samples)))
-        known = (
-            np.vstack((self.before, log.z)) if self.before.size else np.vstack((*(log.z[:1],) * room, log.z))
-        )
-        out = np.empty_like(log.z)
-        for c, samples in enumerate(self.samples):
-            whole = int(np.floor(samples))
-            share, last = samples - whole, known.shape[0] - whole
-            now = known[last - len(log.z) : last, c]
-            before = known[last - len(log.z) - 1 : last - 1, c] if share else now
-            before = np.where(np.isfinite(before), before, now)  # a held reading stands alone
-            out[:, c] = (1.0 - share) * now + share * before
-        self.before = known[-room:]
-        return replace(log, z=out)
 
 
 def set_right(rig: Rig, late: Lateness, interval: float) -> Rig:

@@ -13,9 +13,11 @@ import numpy as np
 
 from observer_fi.bank import Bank
 from observer_fi.logs import (
+    Lateness,
     LowPass,
     LowPasses,
     Readings,
+    SetBack,
     Unfiltered,
     behind_steps,
     channel_traits,
@@ -25,7 +27,7 @@ from observer_fi.logs import (
 from observer_fi.physics import Rig
 from observer_fi.records import Acquisition, ChannelTraits, Log
 from observer_fi.settings import BankSettings
-from observer_fi.verdict.logger.lateness import Lateness, SetBack, first_start, set_right
+from observer_fi.verdict.logger.lateness import first_start, set_right
 from observer_fi.verdict.moves.of_the_day import BEGIN, Told, told_by
 
 # Times its expected NIS: a start that nominal explains so well has no filter that matters; one that a first filter does not

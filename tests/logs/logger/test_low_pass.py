@@ -81,8 +81,8 @@ def test_a_whole_log_is_set_right_in_time(order: int) -> None:
 def test_a_rig_file_carries_the_corner(tmp_path: Path) -> None:
     rig = load_rig()
     told = (Filter("current", 30.0, 1, 0.5),)
-    assert filtered_logger(rig, told) is rig
-    learned = filtered_logger(with_logger(rig, [signal()]), told)
+    assert filtered_logger(rig, told, RATE) is rig
+    learned = filtered_logger(with_logger(rig, [signal()]), told, RATE)
     path = tmp_path / "rig.toml"
     path.write_text(rig_toml(learned))
     again = load_rig(path)
@@ -177,13 +177,25 @@ def test_a_delay_is_no_filter_that_diagnoses_take_out(tmp_path: Path) -> None:
     late = NONE.of((1,), LowPass(late=0.4))
     log = signal()
     assert not late.any and Unfiltered(late, 1.0 / RATE).take(log) is log
-    learned = filtered_logger(with_logger(load_rig(), [log]), (late_only(0.4), Filter("voltage", 30.0, 1)))
+    learned = filtered_logger(
+        with_logger(load_rig(), [log]), (late_only(0.4), Filter("voltage", 30.0, 1)), RATE
+    )
     assert learned.logger is not None
     assert (learned.logger.current.low_pass_hz, learned.logger.voltage.low_pass_hz) == (None, 30.0)
     path = tmp_path / "rig.toml"
     path.write_text(rig_toml(learned))
     again = load_rig(path)
     assert again.logger is not None and again.logger.current.low_pass_hz is None
+    assert again.logger.current.late_s == 0.0  # a start of a servo that is known tells it
+
+
+def test_a_delay_beside_an_unknown_servo_is_in_the_rig_file(tmp_path: Path) -> None:
+    rig = with_logger(replace(load_rig(), drive="voltage"), [signal()])
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_toml(filtered_logger(rig, (late_only(0.4),), RATE)))
+    again = load_rig(path)
+    assert again.logger is not None
+    assert [c.late_s for c in again.logger[:3]] == [0.0, pytest.approx(0.4 / RATE), 0.0]
 
 
 def test_a_delay_is_told_in_samples_and_no_corner() -> None:
