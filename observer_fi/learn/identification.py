@@ -267,19 +267,15 @@ def campaign_readings(logs: Sequence[Log], rig: Rig) -> Campaign:
 
 
 def _in_time(logs: Sequence[Log], rig: Rig) -> Campaign:
-    """Logs without a known servo whose voltage is of the time of their position, and by how much the current is late, which is
-    not interpolated (`tracked`). A position that is late is a cause with a name.
+    """Logs without a known servo as they are, and by how much their current is later than the voltage: `tracked` takes it so. A
+    voltage and a position that are late are causes with names.
     """
     try:
         found = {own.channel: own.late for own in identify_driven(logs, rig).filters}
     except InvalidLogError:
         found = {}
-    voltage, current = found.get("voltage", 0.0), found.get("current", 0.0)
-    low_passes = LowPasses(
-        voltage=LowPass(late=max(voltage - current, 0.0)), current=LowPass(late=max(current - voltage, 0.0))
-    )
-    of_voltage = LowPasses(voltage=low_passes.voltage).told
-    return Campaign([unfiltered(log, of_voltage) for log in logs], low_passes, ())
+    late = max(found.get("current", 0.0) - found.get("voltage", 0.0), 0.0)
+    return Campaign(list(logs), LowPasses(current=LowPass(late=late)), ())
 
 
 def _as_read(logs: Sequence[Log], rig: Rig, filters: bool) -> _Read:
