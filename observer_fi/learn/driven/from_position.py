@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer_fi.learn.driven.least_squares import (
+    SKEW,
     Solution,
     integral,
     load_integrals,
@@ -16,11 +17,10 @@ from observer_fi.learn.driven.least_squares import (
     solve,
     without,
 )
-from observer_fi.learn.driven.windows import Window
+from observer_fi.learn.driven.windows import Window, interval_of
 from observer_fi.physics import Rig
 from observer_fi.records import Array
 
-SKEW = 0.5  # of a sample, by which the channels of a converter that reads them in turn are off, one standard deviation
 _OF_MOTION = ("J", "viscous_positive")  # of equation 1, what multiplies an acceleration or a speed
 _PASSES = 3  # in which the speed that a late position shows settles
 
@@ -38,10 +38,8 @@ class FromPosition(NamedTuple):
     n: int
 
 
-def from_position(
-    windows: Sequence[Window], rig: Rig, names: tuple[str, ...], late: float = 0.0
-) -> FromPosition:
-    """What `names` says of the mechanics, J first. late: of the position as far as it is known [s].
+def from_position(windows: Sequence[Window], rig: Rig, names: tuple[str, ...]) -> FromPosition:
+    """What `names` says of the mechanics, J first.
 
     All values are in proportion to the maker's Km, and what multiplies a speed or an acceleration to D as well (`left_open`). The
     covariance is for these two as they are: whoever takes the values takes them, too.
@@ -60,15 +58,15 @@ def from_position(
     ]
 
     def solved(columns: Sequence[Array]) -> Solution:
-        rows = [without(w.where_seen(G, late), own) for w, G, own in zip(windows, columns, free, strict=True)]
+        rows = [without(w.where_seen(G), own) for w, G, own in zip(windows, columns, free, strict=True)]
         return solve(rows, y, 2 * len(windows))
 
     s = solved(twice)
     for _ in range(_PASSES):
         speed = [each @ s.x[: len(names)] for each in once]
         s = solved([np.column_stack([G, -w]) for G, w in zip(twice, speed, strict=True)])
-    alone, skew = s.of(-1), SKEW * float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
-    s = s.knowing(len(names), 0.0, skew)
+    alone = s.of(-1)
+    s = s.knowing(len(names), 0.0, SKEW * interval_of(windows))
     values = np.concatenate(([1.0], s.x[1:-1])) / s.x[0]
     slope = np.eye(len(names), s.x.size) / s.x[0]
     slope[:, 0] = -values / s.x[0]

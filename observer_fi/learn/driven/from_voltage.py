@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # whose parts load when they are used
 
 from observer_fi.learn.driven.least_squares import (
+    SKEW,
     Solution,
     integral,
     load_integrals,
@@ -21,7 +22,7 @@ from observer_fi.learn.driven.least_squares import (
     solve,
     without,
 )
-from observer_fi.learn.driven.windows import Window
+from observer_fi.learn.driven.windows import Window, interval_of
 from observer_fi.logs import change_rate
 from observer_fi.physics import Rig
 from observer_fi.records import Array
@@ -30,7 +31,6 @@ WARMER = 0.1  # of Rm, by which a winding of 25 K more than on its data sheet di
 WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much trapezoids through a ringing current are off
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
 LARGEST_S = 5e-3  # time constant of a winding that may be there
-SKEW = 0.5  # of a sample, by which the channels of a converter that reads them in turn are off, one standard deviation
 STEP = 0.1  # of a standard error: a whole one of an inertia that slow logs hardly tell is no small one
 _IN_TIME = 0.05  # of that: as good as none
 _HALF = 0.5  # of what every second sample alone changes (Richardson's extrapolation says a third or less)
@@ -119,7 +119,7 @@ def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> tuple[Sol
     What equation 8, the maker and a winding that may be warmer say of Rm counts.
     """
     of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
-    late = SKEW * float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
+    late = SKEW * interval_of(windows)
     k = s.x.size
     T = np.eye(k + 1)
     T[_RM, k], T[k - 1, k] = -per_J, -of_i

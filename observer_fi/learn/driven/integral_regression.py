@@ -18,7 +18,7 @@ from observer_fi.errors import InvalidLogError
 from observer_fi.learn.driven.from_position import FromPosition, from_position, left_open
 from observer_fi.learn.driven.from_voltage import FromVoltage, from_voltage
 from observer_fi.learn.driven.lateness import as_filters, shows, with_voltage_later
-from observer_fi.learn.driven.windows import WINDOW_S, Driven, Window, driven, windows_of
+from observer_fi.learn.driven.windows import WINDOW_S, Driven, Window, driven, interval_of, windows_of
 from observer_fi.numerics import digits
 from observer_fi.physics import PARAMETERS, Rig
 from observer_fi.records import Array, Filter, Fit, Log, Parameter
@@ -48,7 +48,6 @@ _OF_FAULTS = dict.fromkeys(
     ("C", "E", "A_decoupled", "J_decoupled"),
     "no healthy move shows a stop or an open coupling; faults are told with the wide value of the rig file",
 )
-
 
 _Law = TypeVar("_Law", FromVoltage, FromPosition)
 
@@ -127,11 +126,11 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
 
 def _by_position(windows: list[Window], rig: Rig, rate_hz: float) -> _Told:
     """With a position as late as it shows. rate_hz: of the log."""
-    late = 0.0
-    interval = float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
+    late, interval = 0.0, interval_of(windows)
 
     def found(late: float) -> FromPosition:
-        return _without_drag(lambda names: from_position(windows, rig, names, late), windows)
+        earlier = [w.with_position_earlier(late) for w in windows] if late else windows
+        return _without_drag(lambda names: from_position(earlier, rig, names), windows)
 
     s = found(late)
     for _ in range(_SHIFTS):

@@ -16,6 +16,7 @@ MAKER = {
     "Km": 2e-3,
     "D": 1e-3,
 }  # relative 1-sigma of what the maker states, where the rig file gives no spread
+SKEW = 0.5  # of a sample, by which the channels of a converter that reads them in turn are off, one standard deviation
 LONGEST = 2000  # samples over which residuals may be correlated
 FEWEST_SMOOTH = 4  # samples of a curve
 _MANY = 4  # windows per unknown from which on their scatter is a standard error

@@ -50,9 +50,15 @@ class Window(NamedTuple):
         """Times [s] and values [m] of the positions."""
         return (self.t, self.z[:, _POSITION]) if self.seen is None else self.seen
 
-    def where_seen(self, G: Array, late: float = 0.0) -> Array:
-        """(k, ...) columns G (n, ...) at the times of the positions, or earlier by as much as these are late [s]."""
-        return G if self.seen is None and not late else at_times(self.t, G, self.positions[0] - late)
+    def where_seen(self, G: Array) -> Array:
+        """(k, ...) columns G (n, ...) at the times of the positions."""
+        return G if self.seen is None else at_times(self.t, G, self.seen[0])
+
+    def with_position_earlier(self, late: float) -> "Window":
+        """The window whose positions are taken for as much earlier as they are late [s]; none outside it."""
+        at, x = self.positions
+        inside = (at - late >= 0.0) & (at - late <= self.t[-1])
+        return self._replace(seen=(at[inside] - late, x[inside]))
 
     def every_second(self, first: int) -> "Window":
         """The window with every second of its rows."""
@@ -62,6 +68,11 @@ class Window(NamedTuple):
         near = (t[0] <= at) & (at <= t[-1])
         seen = None if self.seen is None else (at[near] - t[0], x[near])
         return Window(t - t[0], self.z[rows], self.pitch[rows], self.w[rows], self.sign, seen)
+
+
+def interval_of(windows: Sequence[Window]) -> float:
+    """The usual time from a row to the next [s]."""
+    return float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
 
 
 class Driven(NamedTuple):
