@@ -55,7 +55,6 @@ _Law = TypeVar("_Law", FromVoltage, FromPosition)
 class _Told(NamedTuple):
     """What the windows tell: a fit but for what is missing in it."""
 
-    windows: list[Window]
     names: tuple[str, ...]
     values: Array
     covariance: Array
@@ -86,7 +85,7 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     error = {s.unit: s.sigma / rig.model["Km"] if with_voltage else s.sigma}
     told = (_of_winding(s.inductance, float(s.values[0])),) if s.inductance else ()
     return Fit(
-        parameters, _correlation(covariance), missing, nll, error, {"windows": s.windows, "samples": s.samples},
+        parameters, _correlation(covariance), missing, nll, error, {"samples": s.samples},
         filters=s.late, warnings=told, inductance=s.inductance,
     )  # fmt: skip
 
@@ -95,31 +94,31 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
     """Behind the winding's inductance where it has one, and with a voltage as late as the current. rate_hz: of the log."""
     late, ahead = 0.0, 0.0
 
-    def found(late: float, ahead: float) -> tuple[list[Window], FromVoltage]:
+    def found(late: float, ahead: float) -> FromVoltage:
         later = [with_voltage_later(one, late) for one in each]
         windows = [w for one in later for w in windows_of(one, rig, ahead)]
         windows = windows or [w for one in later for w in windows_of(one, rig)]
-        return windows, _without_drag(lambda names: from_voltage(windows, rig, names), windows)
+        return _without_drag(lambda names: from_voltage(windows, rig, names), windows)
 
     interval = 1.0 / each[0].log.rate_hz
-    windows, s = found(late, ahead)
+    s = found(late, ahead)
     for _ in range(_SHIFTS):
         more, std = s.solution.of(-1)
         if not shows(more, std, interval):
             break
         late += more
-        windows, s = found(late, ahead)
+        s = found(late, ahead)
     L = s.inductance
     if L and L[0] > SEVERAL * float(s.values[0]) * interval:
         ahead = L[0]
-        windows, s = found(late, ahead)
+        s = found(late, ahead)
         L = s.inductance
     position, std = s.position_late
     behind = (0.0, late, late + position if shows(late + position, std, interval) else 0.0)
     noise = float(np.hypot(rig.noise["voltage"], rig.model["Rm"] * rig.noise["current"]))
     inductance = Parameter("inductance", *L, 0.0, "H", L[0] - Z95 * L[1], L[0] + Z95 * L[1]) if L else None
     return _Told(
-        windows, s.names, s.values, s.covariance, np.zeros(s.values.size), s.solution.sigma, noise, "speed_rad_s",
+        s.names, s.values, s.covariance, np.zeros(s.values.size), s.solution.sigma, noise, "speed_rad_s",
         s.solution.n, as_filters(behind, rate_hz), inductance,
     )  # fmt: skip
 
@@ -139,7 +138,7 @@ def _by_position(windows: list[Window], rig: Rig, rate_hz: float) -> _Told:
         late += s.late[0]
         s = found(late)
     return _Told(
-        windows, s.names, s.values, s.covariance, left_open(s.names, s.values, rig), rig.model["D"] * s.sigma,
+        s.names, s.values, s.covariance, left_open(s.names, s.values, rig), rig.model["D"] * s.sigma,
         rig.noise["position"], "position_m", s.n, as_filters((0.0, 0.0, late), rate_hz), None,
     )  # fmt: skip
 
