@@ -171,7 +171,9 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """
     given, logs = logs[0], [thinned(log, rig) for log in logs]
     fit = _identified(logs, rig, filters)
-    more = given.rate_hz / logs[0].rate_hz if fit.filters else 1.0
+    if not fit.filters:
+        return fit
+    more = given.rate_hz / logs[0].rate_hz
     return replace(fit, filters=tuple(own._replace(late=more * own.late) for own in fit.filters))
 
 

@@ -25,7 +25,7 @@ def _channel(c: ChannelTraits) -> dict[str, Any]:
         "noise_std": c.noise_std, "as_white": c.as_white, "resolution": c.resolution, "update_hz": c.update_hz,
         "lines_hz": [line.hz for line in c.lines], "line_amplitudes": [line.amplitude for line in c.lines],
         "correlation_s": c.correlation_s, "spikes": c.spikes, "averaged_samples": c.averaged,
-        "low_pass_hz": c.low_pass_hz, "late_s": c.late_s or None,
+        "low_pass_hz": c.low_pass_hz, **({"late_s": c.late_s} if c.late_s else {}),
     }  # fmt: skip
 
 

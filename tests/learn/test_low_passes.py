@@ -77,7 +77,8 @@ def test_a_filter_before_the_position_changes_no_constant() -> None:
 
 
 def test_nothing_is_looked_for_where_no_servo_tells() -> None:
-    log = replace(log_of(PROFILE, seed=6), w_cmd=np.zeros(0))
+    log = log_of(PROFILE, seed=6)
+    log = replace(log, w_cmd=np.zeros(log.t.size))
     assert not campaign_readings([log], replace(RIG, drive="voltage")).low_passes.any
 
 
