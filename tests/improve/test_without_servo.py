@@ -48,8 +48,8 @@ def improved(drive: str, seed: int, *effects: Effect) -> Improvement:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(("drive", "seed"), CASES)
-@pytest.mark.first(1)
 def test_viscous_friction_has_its_name_and_size(drive: str, seed: int) -> None:
     actuator = hidden.draw_actuator(seed, drive)
     size = 0.3 * actuator.rig.A / actuator.speed
@@ -110,8 +110,8 @@ def test_a_position_that_is_shown_elsewhere_has_its_name_and_size(
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("drive", ["current", "voltage"])
-@pytest.mark.first(1)
 def test_an_offset_of_the_current_that_drives_is_declared(drive: str) -> None:
     """It is a torque, and with a voltage that is logged an offset of this one beside it."""
     actuator = hidden.draw_actuator(853004, drive)
