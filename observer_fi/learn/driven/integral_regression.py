@@ -18,7 +18,15 @@ from observer_fi.errors import InvalidLogError
 from observer_fi.learn.driven.from_position import FromPosition, from_position, left_open
 from observer_fi.learn.driven.from_voltage import FromVoltage, from_voltage
 from observer_fi.learn.driven.lateness import as_filters, shows, with_voltage_later
-from observer_fi.learn.driven.windows import WINDOW_S, Driven, Window, driven, interval_of, windows_of
+from observer_fi.learn.driven.windows import (
+    WINDOW_S,
+    Driven,
+    Window,
+    as_read,
+    driven,
+    interval_of,
+    windows_of,
+)
 from observer_fi.numerics import digits
 from observer_fi.physics import PARAMETERS, Rig
 from observer_fi.records import Array, Filter, Fit, Log, Parameter
@@ -74,6 +82,9 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     """
     each, rate_hz = [driven(log, rig) for log in logs], logs[0].rate_hz
     windows = [w for one in each for w in windows_of(one, rig)]
+    if not windows:  # what a log without a rest seems to tell of its logger may leave nothing
+        each = [as_read(log) for log in logs]
+        windows = [w for one in each for w in windows_of(one, rig)]
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and rig.model["Rm"] > 0.0

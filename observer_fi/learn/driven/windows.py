@@ -23,7 +23,7 @@ WINDOW_S = 0.25
 SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doubt
 SMOOTH_S = 0.02  # over which the speed is averaged to find where the motor turns
 TURNS = 20.0  # rad/s: a motor slower than this stands
-FEWEST = 8  # rows of a window, and positions in it
+FEWEST = 4  # positions in a window, and readings of a curve
 _GAP = 1.5  # times as far apart as hardly any rows are: something is missing
 _USUAL = 0.95  # of the rows
 _LONGEST = 3.0  # times between two updates of a held channel, over which a curve goes
@@ -91,6 +91,12 @@ def driven(log: Log, rig: Rig) -> Driven:
     z = np.column_stack([_curve(fresh, log, c, held[c])[rows] for c in range(3)])
     read = np.isfinite(fresh.z[:, _POSITION])
     return Driven(replace(log.part(rows), z=z), (log.t[read], fresh.z[read, _POSITION]))
+
+
+def as_read(log: Log) -> Driven:
+    """A log as it is."""
+    there = np.isfinite(log.z[:, _POSITION])
+    return Driven(log, (log.t[there], log.z[there, _POSITION]))
 
 
 def windows_of(each: Driven, rig: Rig, inductance: float = 0.0) -> list[Window]:
