@@ -48,8 +48,8 @@ def test_moves_of_slow_loggers(drive: str, rate_hz: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.study
 @pytest.mark.parametrize("seed", [660104, 662141])
+@pytest.mark.first(1)
 def test_a_servo_whose_torque_is_fed_forward(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its current steps within a sample of 250 Hz: healthy moves and jams were a failed voltage sensor for sure."""
     plain = hidden.actuator_log

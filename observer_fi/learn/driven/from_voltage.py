@@ -32,6 +32,7 @@ WINDING = 1e-3  # of Rm, as much as a quarter of a kelvin of copper: by so much 
 SHOWS_STD, SHOWS_S = 4.0, 2e-4  # standard errors, and time constant, from which on an inductance is told
 LARGEST_S = 5e-3  # time constant of a winding that may be there
 STEP = 0.1  # of a standard error: a whole one of an inertia that slow logs hardly tell is no small one
+_ELSE = 3.0  # standard errors by which rests say something else than motion
 _IN_TIME = 0.05  # of that: as good as none
 _HALF = 0.5  # of what every second sample alone changes (Richardson's extrapolation says a third or less)
 _RM, _PER_J = (
@@ -54,10 +55,14 @@ class FromVoltage(NamedTuple):
     inductance: tuple[float, float] | None
 
 
-def from_voltage(windows: Sequence[Window], rig: Rig, names: tuple[str, ...]) -> FromVoltage:
-    """Rm and Km, and what `names` says of the mechanics, J first; maker's data enter as priors."""
+def from_voltage(
+    windows: Sequence[Window], rig: Rig, names: tuple[str, ...], at_rest: tuple[float, float] | None = None
+) -> FromVoltage:
+    """Rm and Km, and what `names` says of the mechanics, J first; maker's data enter as priors. at_rest: Rm as rests tell it, and
+    its standard error [ohm].
+    """
     s = with_samples_between(circuit(windows, names), lambda w: circuit(w, names, plain=True), windows)
-    s, wound = _with_winding(windows, rig, s)
+    s, wound = _with_winding(windows, rig, s, at_rest)
     Rm, L = float(s.x[_RM]), float(s.x[-2])
     (_, Km_std), position_late = _torque_constant(windows, rig, Rm, L)
 
@@ -112,11 +117,13 @@ def with_samples_between(
     return s._replace(covariance=covariance)
 
 
-def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> tuple[Solution, bool]:
+def _with_winding(
+    windows: Sequence[Window], rig: Rig, s: Solution, at_rest: tuple[float, float] | None
+) -> tuple[Solution, bool]:
     """The circuit with Rm in place of the coefficient of i, L in that of di/dt, and the time by which the current is late; and
     whether there is an inductance.
 
-    What equation 8, the maker and a winding that may be warmer say of Rm counts.
+    What equation 8, the maker and a winding that may be warmer say of Rm counts; what rests say, where motion says nothing else.
     """
     of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
     late = SKEW * interval_of(windows)
@@ -129,6 +136,8 @@ def _with_winding(windows: Sequence[Window], rig: Rig, s: Solution) -> tuple[Sol
     s = s.knowing(_RM, *_resistance(windows, rig))
     Rm = rig.model["Rm"]
     s = s.knowing(_RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER)))
+    if at_rest and abs(at_rest[0] - s.x[_RM]) < _ELSE * np.hypot(at_rest[1], s.of(_RM)[1]):
+        s = s.knowing(_RM, at_rest[0], float(np.hypot(at_rest[1], WINDING * Rm)))
     return _wound_or_late(s, Rm, late)
 
 

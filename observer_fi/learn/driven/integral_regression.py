@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from observer_fi.errors import InvalidLogError
+from observer_fi.learn.driven.at_rest import resistance_at_rest
 from observer_fi.learn.driven.from_position import FromPosition, from_position, left_open
 from observer_fi.learn.driven.from_voltage import FromVoltage, from_voltage
 from observer_fi.learn.driven.lateness import as_filters, shows, with_voltage_later
@@ -22,7 +23,6 @@ from observer_fi.learn.driven.windows import (
     WINDOW_S,
     Driven,
     Window,
-    as_read,
     driven,
     interval_of,
     windows_of,
@@ -82,9 +82,6 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     """
     each, rate_hz = [driven(log, rig) for log in logs], logs[0].rate_hz
     windows = [w for one in each for w in windows_of(one, rig)]
-    if not windows:  # what a log without a rest seems to tell of its logger may leave nothing
-        each = [as_read(log) for log in logs]
-        windows = [w for one in each for w in windows_of(one, rig)]
     if not windows:
         raise InvalidLogError(f"{logs[0].path}: the motor never turns for {WINDOW_S:g} s; record a move")
     with_voltage = all(np.isfinite(w.z[:, 0]).all() for w in windows) and rig.model["Rm"] > 0.0
@@ -103,13 +100,13 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 
 def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
     """Behind the winding's inductance where it has one, and with a voltage as late as the current. rate_hz: of the log."""
-    late, ahead = 0.0, 0.0
+    late, ahead, at_rest = 0.0, 0.0, resistance_at_rest(each, rig)
 
     def found(late: float, ahead: float) -> FromVoltage:
         later = [with_voltage_later(one, late) for one in each]
         windows = [w for one in later for w in windows_of(one, rig, ahead)]
         windows = windows or [w for one in later for w in windows_of(one, rig)]
-        return _without_drag(lambda names: from_voltage(windows, rig, names), windows)
+        return _without_drag(lambda names: from_voltage(windows, rig, names, at_rest), windows)
 
     interval = 1.0 / each[0].log.rate_hz
     s = found(late, ahead)

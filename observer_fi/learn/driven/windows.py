@@ -84,7 +84,7 @@ class Driven(NamedTuple):
 
 def driven(log: Log, rig: Rig) -> Driven:
     """What a log tells of a motor that it drives, without what its logger does."""
-    log, acquisition, _ = without_logger(log, rig)
+    log, acquisition, _ = without_logger(_without_false_rest(log), rig)
     fresh = fresh_readings(log, acquisition, rig, coarse=True)
     held = _held(acquisition)
     rows = _rows(fresh, [c for c in _DRIVES if held[c]])
@@ -93,10 +93,11 @@ def driven(log: Log, rig: Rig) -> Driven:
     return Driven(replace(log.part(rows), z=z), (log.t[read], fresh.z[read, _POSITION]))
 
 
-def as_read(log: Log) -> Driven:
-    """A log as it is."""
-    there = np.isfinite(log.z[:, _POSITION])
-    return Driven(log, (log.t[there], log.z[there, _POSITION]))
+def _without_false_rest(log: Log) -> Log:
+    """A log without a command that stands from beginning to end: of a loop whose speed and torque are fed forward the error makes
+    none, and the whole log would be a rest.
+    """
+    return log if log.w_cmd.any() else replace(log, w_cmd=np.full(log.t.size, np.nan))
 
 
 def windows_of(each: Driven, rig: Rig, inductance: float = 0.0) -> list[Window]:
@@ -106,7 +107,7 @@ def windows_of(each: Driven, rig: Rig, inductance: float = 0.0) -> list[Window]:
     """
     log = each.log
     ahead = inductance * change_rate(log.t, log.z[:, 1], 1) if inductance else np.zeros(log.t.size)
-    w, smooth = _speed(replace(log, z=log.z - np.outer(ahead, (1.0, 0.0, 0.0))), rig.model)
+    w, smooth = speed_of(replace(log, z=log.z - np.outer(ahead, (1.0, 0.0, 0.0))), rig.model)
     sign = np.where(
         np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS),
         np.sign(smooth),
@@ -175,7 +176,7 @@ def _curve(fresh: Log, log: Log, c: int, held: bool) -> Array:
     return np.where(near, y, np.nan)
 
 
-def _speed(log: Log, model: Model) -> tuple[Array, Array]:
+def speed_of(log: Log, model: Model) -> tuple[Array, Array]:
     """Motor speed of equation 16, or from the position where no voltage is logged, and the same smoothed."""
     size = max(1, round(SMOOTH_S * log.rate_hz))
     kernel = np.ones(size) / size
