@@ -234,7 +234,8 @@ def motor_current(p, wanted, w, angle, heat, limit):
     V = limit if V > 0.0 else -limit
     if p.brush_drop == 0.0 and p.km_saturation == 0.0 and p.km_asymmetry == 0.0:
         return (V - torque_constant(p, 0.0, heat) * w) / resistance(p, angle, heat), V
-    low, high = -5.0, 5.0  # A; Vs rises with i, so bisect
+    most = max(5.0, 2.0 * (limit + abs(torque_constant(p, 0.0, heat) * w)) / resistance(p, angle, heat))
+    low, high = -most, most  # A; Vs rises with i, so bisect
     for _ in range(50):
         middle = 0.5 * (low + high)
         if source_voltage(p, middle, w, angle, heat) < V:

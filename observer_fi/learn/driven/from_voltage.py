@@ -35,24 +35,48 @@ STEP = 0.1  # of a standard error: a whole one of an inertia that slow logs hard
 _ELSE = 3.0  # standard errors by which rests say something else than motion
 _IN_TIME = 0.05  # of that: as good as none
 _HALF = 0.5  # of what every second sample alone changes (Richardson's extrapolation says a third or less)
-_RM, _PER_J = (
-    0,
-    1,
-)  # of a solution of the circuit; its last ones are the inductance and by how much the current is late
+_RM, _PER_J = 0, 1  # of a solution of the circuit
+_L, _LATE, _DROP = -3, -2, -1  # of one whose winding is told
+LARGEST_DROP = 0.2  # of the largest voltage, that brushes or a converter may take
+LIKELIER = 3.0  # nats by which a drop must be, than a winding without one
+DROP = ("brush_drop", "brush_current")
+TINY = 1e-30  # squares of steps, at least
+KNEES = (0.01, 0.03, 0.1)  # of the current, within which a drop changes its sign
 
 
 class FromVoltage(NamedTuple):
-    """What voltage, current and position tell. values, covariance: of `names`; solution: Rm, Km^2/J, Km/J times each load, L [H],
-    and by how much the current is late [s]; position_late [s] and its standard error. Both: against the voltage. inductance: with
-    its standard error, where there is one beyond doubt if the current is not late, which is less likely, and a start shows it.
+    """What voltage, current and position tell. values, covariance: of `names`; sigma: of n residuals of the circuit [V].
+
+    current_late, position_late: against the voltage [s], each with its standard error. inductance [H]: with its standard error,
+    where there is one beyond doubt if the current is not late, which is less likely, and a start shows it. drops: whether a
+    drop that changes its sign with the current is likelier than none; it is then among the `names`, with its knee.
     """
 
     names: tuple[str, ...]
     values: Array
     covariance: Array
-    solution: Solution
+    sigma: float
+    n: int
+    current_late: tuple[float, float]
     position_late: tuple[float, float]
     inductance: tuple[float, float] | None
+    drops: bool
+
+
+class _Winding(NamedTuple):
+    """A circuit whose winding is told, and whether there are an inductance and a drop in it. Its last coefficients are the
+    inductance [H], by how much the current is late [s], and the drop [V].
+    """
+
+    solution: Solution
+    wound: bool
+    drops: bool
+
+    @property
+    def shows_drop(self) -> bool:
+        """Whether there is a drop beyond doubt."""
+        drop, std = self.solution.of(_DROP)
+        return drop > SHOWS_STD * std
 
 
 def from_voltage(
@@ -62,28 +86,28 @@ def from_voltage(
     its standard error [ohm].
     """
     s = with_samples_between(circuit(windows, names), lambda w: circuit(w, names, plain=True), windows)
-    s, wound = _with_winding(windows, rig, s, at_rest)
-    Rm, L = float(s.x[_RM]), float(s.x[-2])
-    (_, Km_std), position_late = _torque_constant(windows, rig, Rm, L)
+    knee = _knee(windows, rig)
+    s, wound, drops = _with_winding(windows, rig, s, at_rest, knee)
+    L, drop = float(s.x[_L]), float(s.x[_DROP])
+    (_, Km_std), position_late = _torque_constant(windows, rig, float(s.x[_RM]), L, drop, knee)
 
     def values(coefficients: Array) -> Array:
-        Rm, *loads, L, _, more = coefficients.tolist()
-        Km = _torque_constant(windows, rig, Rm, L)[0][0] + more
-        return np.concatenate(([Rm, Km, Km**2 / loads[0]], np.array(loads[1:]) * Km / loads[0]))
+        Rm, *loads, L, _, drop, more = coefficients.tolist()
+        (Km, _), (late, _) = _torque_constant(windows, rig, Rm, L, drop, knee)
+        Km += more
+        found = np.concatenate(([Rm, Km, Km**2 / loads[0]], np.array(loads[1:]) * Km / loads[0]))
+        return np.append(found, (drop, knee, late) if drops else late)
 
-    at = np.append(s.x, 0.0)
-    covariance = np.zeros((at.size, at.size))
-    covariance[:-1, :-1] = s.covariance
-    covariance[-1, -1] = Km_std**2
-    slope = _slopes(values, at, STEP * np.sqrt(np.diag(covariance)))
+    with_Km = s.beside(0.0, Km_std)
+    at, covariance = with_Km.x, with_Km.covariance
+    slope = _slopes(values, at, STEP * np.sqrt(np.maximum(np.diag(covariance), TINY)))
+    known = slope @ covariance @ slope.T
+    known[-2, -2] += drops * knee**2
+    position_late = position_late[0], float(np.hypot(position_late[1], np.sqrt(known[-1, -1])))
     return FromVoltage(
-        ("Rm", "Km", *names),
-        values(at),
-        slope @ covariance @ slope.T,
-        s,
-        position_late,
-        s.of(-2) if wound else None,
-    )
+        ("Rm", "Km", *names, *(DROP if drops else ())), values(at)[:-1], known[:-1, :-1], s.sigma, s.n, s.of(_LATE),
+        position_late, s.of(_L) if wound else None, drops,
+    )  # fmt: skip
 
 
 def circuit(windows: Sequence[Window], names: Sequence[str], plain: bool = False) -> Solution:
@@ -106,105 +130,164 @@ def circuit(windows: Sequence[Window], names: Sequence[str], plain: bool = False
 
 
 def with_samples_between(
-    s: Solution, law: Callable[[Sequence[Window]], Solution], windows: Sequence[Window]
+    s: Solution,
+    law: Callable[[Sequence[Window]], Solution],
+    windows: Sequence[Window],
+    together: bool = False,
 ) -> Solution:
-    """A solution, Rm first, whose covariance holds what integrals between samples leave of a law, and of Rm `WINDING` besides."""
+    """A solution, Rm first, whose covariance holds what integrals between samples leave of a law, and of Rm `WINDING` besides.
+
+    together: whether that is off as a whole, as coefficients are of which only a sum is sure.
+    """
     covariance, fine = s.covariance.copy(), law(windows).x
     covariance[_RM, _RM] += (WINDING * s.x[_RM]) ** 2
     for first in (0, 1):
         half = [w.every_second(first) for w in windows]
-        covariance += np.diag((_HALF * (law(half).x - fine)) ** 2)
+        off = _HALF * (law(half).x - fine)
+        covariance += np.outer(off, off) if together else np.diag(off**2)
     return s._replace(covariance=covariance)
 
 
 def _with_winding(
-    windows: Sequence[Window], rig: Rig, s: Solution, at_rest: tuple[float, float] | None
-) -> tuple[Solution, bool]:
-    """The circuit with Rm in place of the coefficient of i, L in that of di/dt, and the time by which the current is late; and
-    whether there is an inductance.
+    windows: Sequence[Window], rig: Rig, s: Solution, at_rest: tuple[float, float] | None, knee: float
+) -> _Winding:
+    """The circuit with Rm in place of the coefficient of i, L in that of di/dt, a current that is late, and a drop.
 
-    What equation 8, the maker and a winding that may be warmer say of Rm counts; what rests say, where motion says nothing else.
+    What equation 8, the maker and a winding that may be warmer say of Rm counts; what rests say, where no drop is likely and
+    motion says nothing else.
     """
     of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
-    late = SKEW * interval_of(windows)
+    late, wide = SKEW * interval_of(windows), LARGEST_DROP * _most([w.z[:, 0] for w in windows])
     k = s.x.size
     T = np.eye(k + 1)
     T[_RM, k], T[k - 1, k] = -per_J, -of_i
-    spread = np.zeros((k + 1, k + 1))
-    spread[:k, :k], spread[k, k] = s.covariance, late**2
-    s = s._replace(x=np.append(s.x, 0.0), covariance=T @ spread @ T.T)
-    s = s.knowing(_RM, *_resistance(windows, rig))
-    Rm = rig.model["Rm"]
+    s = s.beside(0.0, late)
+    s = s._replace(covariance=T @ s.covariance @ T.T).beside(0.0, wide)
+    Rm, little = rig.model["Rm"], WINDING * wide
     s = s.knowing(_RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER)))
-    if at_rest and abs(at_rest[0] - s.x[_RM]) < _ELSE * np.hypot(at_rest[1], s.of(_RM)[1]):
-        s = s.knowing(_RM, at_rest[0], float(np.hypot(at_rest[1], WINDING * Rm)))
-    return _wound_or_late(s, Rm, late)
+    without = s.knowing(_DROP, 0.0, little).knowing(_RM, *_resistance(windows, rig, None).of(_RM))
+    loss = _resistance(windows, rig, knee)
+    s = s.knowing_all([_RM, s.x.size + _DROP], loss.x, loss.covariance)
+    if at_rest and abs(at_rest[0] - without.x[_RM]) < _ELSE * np.hypot(at_rest[1], without.of(_RM)[1]):
+        without = without.knowing(_RM, at_rest[0], float(np.hypot(at_rest[1], WINDING * Rm)))
+    drop, std = s.of(_DROP)
+    log_density, log_share = scipy.stats.norm.logpdf, scipy.stats.norm.logcdf
+    nats = (
+        log_density(0.0, drop, np.hypot(std, little)) - log_density(0.0, 0.0, wide),
+        np.log(2.0) + log_share(drop / std),
+    )
+    ways = [
+        (more + of_way, _Winding(one, wound, drops))
+        for (drops, base, more) in ((False, without, nats[0]), (True, s, nats[1]))
+        for of_way, one, wound in _wound_or_late(base, Rm, late)
+    ]
+    found = _likeliest(ways)
+    return found._replace(wound=found.wound and _shows(found.solution, Rm))
 
 
-def _wound_or_late(s: Solution, Rm: float, skew: float) -> tuple[Solution, bool]:
-    """A circuit with an inductance, or a current that is late, or both, whichever is likeliest, and whether it has an inductance;
-    its covariance holds what the others say, as likely as they are. Where both are beyond doubt they are as they are.
+def _likeliest(ways: Sequence[tuple[float, _Winding]]) -> _Winding:
+    """The likeliest of several windings [nats], whose covariance holds what the others say, as likely as they are.
+
+    A drop is one of them where nothing simpler is about as likely, and is told where it shows for all that the others say.
+    """
+    most = max(nats for nats, _ in ways)
+    simple = any(nats > most - LIKELIER and not one.drops and not one.wound for nats, one in ways)
+    ways = [(nats, one) for nats, one in ways if not (simple and one.drops)]
+    for drops in (True, False):
+        best = max(((nats, one) for nats, one in ways if drops or not one.drops), key=lambda way: way[0])[1]
+        found = best._replace(solution=_mixed(best.solution, ways))
+        if found.shows_drop or not best.drops:
+            break
+    return found
+
+
+def _mixed(best: Solution, ways: Sequence[tuple[float, _Winding]]) -> Solution:
+    """A solution with the covariance of all, as likely as they are, around it."""
+    share = scipy.special.softmax([nats for nats, _ in ways])
+    parts = [
+        p * (one.solution.covariance + np.outer(one.solution.x - best.x, one.solution.x - best.x))
+        for p, (_, one) in zip(share, ways, strict=True)
+    ]
+    return best._replace(covariance=np.sum(parts, axis=0))
+
+
+def _wound_or_late(s: Solution, Rm: float, skew: float) -> list[tuple[float, Solution, bool]]:
+    """A circuit without an inductance, one whose current is in time, and one with both, how likely each is [nats], and whether it
+    has an inductance; the last one alone where both are beyond doubt.
 
     skew: standard deviation of the time by which channels are late that nobody has timed [s].
     """
-    (L, L_std), (late, late_std) = s.of(-2), s.of(-1)
-    if abs(L) > SHOWS_STD * L_std and abs(late) > SHOWS_STD * late_std:
-        return s, _shows(s, Rm)
-    wound, timed, little = s.x.size - 2, s.x.size - 1, 0.5 * SHOWS_S * Rm
-    unwound, in_time = s.knowing(wound, 0.0, little), s.knowing(timed, 0.0, _IN_TIME * skew)
+    (L, L_std), (late, late_std) = s.of(_L), s.of(_LATE)
+    little = 0.5 * SHOWS_S * Rm
+    unwound, in_time = s.knowing(_L, 0.0, little), s.knowing(_LATE, 0.0, _IN_TIME * skew)
     log_density, log_share = scipy.stats.norm.logpdf, scipy.stats.norm.logcdf
-    there = [log_share(np.divide(*one.of(-2))) - np.log(LARGEST_S * Rm) for one in (in_time, s)]
-    nats = np.array([
-        log_density(0.0, L, np.hypot(L_std, little)),
-        log_density(0.0, late, late_std) - log_density(0.0, 0.0, skew) + there[0],
-        there[1],
-    ])  # fmt: skip
-    each, share = (unwound, in_time, s), scipy.special.softmax(nats)
-    best = each[int(np.argmax(nats))]
-    apart = [one.x - best.x for one in each]
-    parts = zip(share, each, apart, strict=True)
-    covariance = sum(
-        (p * (one.covariance + np.outer(d, d)) for p, one, d in parts), np.zeros_like(s.covariance)
-    )
-    return best._replace(covariance=covariance), best is not unwound and _shows(best, Rm)
+    there = [log_share(np.divide(*one.of(_L))) - np.log(LARGEST_S * Rm) for one in (in_time, s)]
+    both = (there[1], s, True)
+    if abs(L) > SHOWS_STD * L_std and abs(late) > SHOWS_STD * late_std:
+        return [both]
+    timed = log_density(0.0, late, late_std) - log_density(0.0, 0.0, skew)
+    return [
+        (log_density(0.0, L, np.hypot(L_std, little)), unwound, False),
+        (timed + there[0], in_time, True),
+        both,
+    ]
 
 
 def _shows(s: Solution, Rm: float) -> bool:
-    L, std = s.of(-2)
+    L, std = s.of(_L)
     return max(SHOWS_STD * std, SHOWS_S * Rm) < L
 
 
-def _resistance(windows: Sequence[Window], rig: Rig) -> tuple[float, float]:
-    """Rm and its standard error from x = D/Km int (V - Rm i) dt, with the readings of i and V besides for what is late."""
+def _knee(windows: Sequence[Window], rig: Rig) -> float:
+    """The current within which a drop changes its sign, as equation 8 fits best [A]."""
+    usual = float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
+    return min((share * usual for share in KNEES), key=lambda knee: _losses(windows, rig, knee).sigma)
+
+
+def _losses(windows: Sequence[Window], rig: Rig, knee: float | None) -> Solution:
+    """Coefficients of x/D: of int V, of int i, of the integral of the current's sign where it has a knee, of i and of V."""
+    rows, y = [], []
+    for w in windows:
+        V, i = w.z[:, 0], w.z[:, 1]
+        lost = [integral(w.t, V), integral(w.t, i)]
+        lost += [integral(w.t, np.tanh(i / knee))] if knee else []
+        G = w.where_seen(np.column_stack([*lost, i, V]))
+        free = np.ones((len(G), 1))
+        rows.append(without(G, free))
+        y.append(without(w.positions[1][:, None] / rig.model["D"], free)[:, 0])
+    return solve(rows, y, len(windows))
+
+
+def _resistance(windows: Sequence[Window], rig: Rig, knee: float | None) -> Solution:
+    """Rm, and the drop where it has a knee, from x = D/Km int (V - Rm i - U tanh(i/knee)) dt, with the readings of i and V for
+    what is late.
+    """
+    k = 2 if knee else 1
 
     def law(windows: Sequence[Window]) -> Solution:
-        rows, y = [], []
-        for w in windows:
-            V, i = w.z[:, 0], w.z[:, 1]
-            G = w.where_seen(np.column_stack([integral(w.t, V), integral(w.t, i), i, V]))
-            free = np.ones((len(G), 1))
-            rows.append(without(G, free))
-            y.append(without(w.positions[1][:, None] / rig.model["D"], free)[:, 0])
-        s = solve(rows, y, len(windows))
-        per_volt, per_amp = s.x[:2]
-        Rm = -per_amp / per_volt
-        slope = np.array([-Rm / per_volt, -1.0 / per_volt])
-        return s._replace(x=np.array([Rm]), covariance=np.array([[slope @ s.covariance[:2, :2] @ slope]]))
+        s = _losses(windows, rig, knee)
+        if knee:  # a drop of a steady motion is a torque constant that is larger
+            per_Km = 1.0 / rig.model["Km"]
+            s = s.knowing(0, per_Km, of_maker(rig, "Km") * per_Km)
+        found = -s.x[1 : k + 1] / s.x[0]
+        slope = np.column_stack([found, np.eye(k)]) / -s.x[0]
+        return s._replace(x=found, covariance=slope @ s.covariance[: k + 1, : k + 1] @ slope.T)
 
-    return with_samples_between(law(windows), law, windows).of(_RM)
+    return with_samples_between(law(windows), law, windows, together=True)
 
 
 def _torque_constant(
-    windows: Sequence[Window], rig: Rig, Rm: float, L: float
+    windows: Sequence[Window], rig: Rig, Rm: float, L: float, drop: float, knee: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Km from int (V - Rm i - L di/dt) dt = Km/D (x - x0), mixed with the maker's Km and D, and by how much the position is late
-    [s]; each with its standard error.
+    """Km from int (V - Rm i - L di/dt - U tanh(i/knee)) dt = Km/D (x - x0), mixed with the maker's Km and D, and by how much the
+    position is late [s]; each with its standard error.
     """
     model = rig.model
     rows, y = [], []
     for w in windows:
-        emf = w.z[:, 0] - Rm * w.z[:, 1]
-        G = w.where_seen(np.column_stack([integral(w.t, emf) - L * w.z[:, 1], -emf]))
+        V, i = w.z[:, 0], w.z[:, 1]
+        emf = V - Rm * i - drop * np.tanh(i / knee)
+        G = w.where_seen(np.column_stack([integral(w.t, emf) - L * i, -emf]))
         free = np.ones((len(G), 1))
         rows.append(without(G, free))
         y.append(without(w.positions[1][:, None] / model["D"], free)[:, 0])
@@ -216,6 +299,10 @@ def _torque_constant(
     weight = maker**2 / (std**2 + maker**2)
     mixed = weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
     return mixed, (late * Km, late_std * Km)
+
+
+def _most(of: Sequence[Array]) -> float:
+    return max(float(np.abs(one).max()) for one in of)
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:

@@ -17,10 +17,11 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.driven.at_rest import resistance_at_rest
 from observer_fi.learn.driven.from_position import FromPosition, from_position, left_open
-from observer_fi.learn.driven.from_voltage import FromVoltage, from_voltage
+from observer_fi.learn.driven.from_voltage import DROP, FromVoltage, from_voltage
 from observer_fi.learn.driven.lateness import as_filters, shows, with_voltage_later
 from observer_fi.learn.driven.windows import (
     WINDOW_S,
+    Ahead,
     Driven,
     Window,
     driven,
@@ -100,9 +101,9 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 
 def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
     """Behind the winding's inductance where it has one, and with a voltage as late as the current. rate_hz: of the log."""
-    late, ahead, at_rest = 0.0, 0.0, resistance_at_rest(each, rig)
+    late, ahead, at_rest = 0.0, Ahead(), resistance_at_rest(each, rig)
 
-    def found(late: float, ahead: float) -> FromVoltage:
+    def found(late: float, ahead: Ahead) -> FromVoltage:
         later = [with_voltage_later(one, late) for one in each]
         windows = [w for one in later for w in windows_of(one, rig, ahead)]
         windows = windows or [w for one in later for w in windows_of(one, rig)]
@@ -110,24 +111,26 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
 
     interval = 1.0 / each[0].log.rate_hz
     s = found(late, ahead)
+    if s.drops:
+        ahead = Ahead(0.0, *s.values[-2:].tolist())
+        s = found(late, ahead)
     for _ in range(_SHIFTS):
-        more, std = s.solution.of(-1)
+        more, std = s.current_late
         if not shows(more, std, interval):
             break
         late += more
         s = found(late, ahead)
     L = s.inductance
     if L and L[0] > SEVERAL * float(s.values[0]) * interval:
-        ahead = L[0]
-        s = found(late, ahead)
+        s = found(late, ahead._replace(inductance=L[0]))
         L = s.inductance
     position, std = s.position_late
     behind = (0.0, late, late + position if shows(late + position, std, interval) else 0.0)
     noise = float(np.hypot(rig.noise["voltage"], rig.model["Rm"] * rig.noise["current"]))
     inductance = Parameter("inductance", *L, 0.0, "H", L[0] - Z95 * L[1], L[0] + Z95 * L[1]) if L else None
     return _Told(
-        s.names, s.values, s.covariance, np.zeros(s.values.size), s.solution.sigma, noise, "speed_rad_s",
-        s.solution.n, as_filters(behind, rate_hz), inductance,
+        s.names, s.values, s.covariance, np.zeros(s.values.size), s.sigma, noise, "speed_rad_s",
+        s.n, as_filters(behind, rate_hz), inductance,
     )  # fmt: skip
 
 
@@ -193,13 +196,13 @@ def _unknowns(windows: Sequence[Window]) -> tuple[str, ...]:
 def _reported(
     names: Sequence[str], values: Array, covariance: Array, rig: Rig, left_open: Array
 ) -> tuple[tuple[Parameter, ...], Array]:
-    """Parameters whose standard error leaves them a value, and their covariance. A small offset or drag is a value too.
+    """Parameters whose standard error leaves them a value, and their covariance. A small offset, drag or drop is a value too.
 
     left_open: standard deviations that intervals hold besides.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     half = Z95 * np.hypot(std, left_open)
-    small = ("torque_offset", "viscous_positive")
+    small = ("torque_offset", "viscous_positive", *DROP)
     sure = [k for k, n in enumerate(names) if n in small or std[k] < CANNOT_TELL * abs(values[k])]
     found = tuple(
         Parameter(

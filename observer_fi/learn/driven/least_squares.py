@@ -32,9 +32,19 @@ class Solution(NamedTuple):
 
     def knowing(self, k: int, value: float, std: float) -> "Solution":
         """The same, of which the coefficient k is known from elsewhere."""
-        gain = self.covariance[:, k] / (self.covariance[k, k] + std**2)
-        x = self.x + gain * (value - self.x[k])
-        return self._replace(x=x, covariance=self.covariance - np.outer(gain, self.covariance[k]))
+        return self.knowing_all([k], np.array([value]), np.array([[std**2]]))
+
+    def knowing_all(self, k: Sequence[int], values: Array, covariance: Array) -> "Solution":
+        """The same, of which the coefficients k (m,) are known from elsewhere, with their covariance (m, m)."""
+        own = self.covariance[k]
+        gain = np.linalg.solve(own[:, k] + covariance, own).T
+        return self._replace(x=self.x + gain @ (values - self.x[k]), covariance=self.covariance - gain @ own)
+
+    def beside(self, value: float, std: float) -> "Solution":
+        """The same with one coefficient more, of which nothing else is known."""
+        covariance = np.zeros((self.x.size + 1, self.x.size + 1))
+        covariance[:-1, :-1], covariance[-1, -1] = self.covariance, std**2
+        return self._replace(x=np.append(self.x, value), covariance=covariance)
 
     def of(self, k: int) -> tuple[float, float]:
         """A coefficient and its standard error."""

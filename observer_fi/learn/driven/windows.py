@@ -30,6 +30,7 @@ _LONGEST = 3.0  # times between two updates of a held channel, over which a curv
 _TOGETHER = 0.8  # of the updates of one channel are those of another
 _DRIVES = (0, 1)  # voltage and current
 _POSITION = 2
+MOVES, _SURE = 0.5, 3.0  # of a motion, from which on it is one, and standard errors by which it is none
 
 
 class Window(NamedTuple):
@@ -75,6 +76,22 @@ def interval_of(windows: Sequence[Window]) -> float:
     return float(np.median(np.concatenate([np.diff(w.t) for w in windows])))
 
 
+class Ahead(NamedTuple):
+    """What the voltage of a winding has beside Rm i + Km w: that of an inductance [H], and a drop [V] that changes its sign with
+    the current, within a knee [A].
+    """
+
+    inductance: float = 0.0
+    drop: float = 0.0
+    knee: float = 1.0
+
+    def of(self, log: Log) -> Array:
+        """(n,) that voltage [V]."""
+        i = log.z[:, 1]
+        rate = change_rate(log.t, i, 1) if self.inductance else 0.0
+        return np.asarray(self.inductance * rate + self.drop * np.tanh(i / self.knee))
+
+
 class Driven(NamedTuple):
     """A log whose rows are fresh; seen: times [s] and values (k,) [m] of the positions that were."""
 
@@ -97,17 +114,17 @@ def _without_false_rest(log: Log) -> Log:
     """A log without a command that stands from beginning to end: of a loop whose speed and torque are fed forward the error makes
     none, and the whole log would be a rest.
     """
-    return log if log.w_cmd.any() else replace(log, w_cmd=np.full(log.t.size, np.nan))
+    return log if log.w_cmd.any() or not log.z.any() else replace(log, w_cmd=np.full(log.t.size, np.nan))
 
 
-def windows_of(each: Driven, rig: Rig, inductance: float = 0.0) -> list[Window]:
+def windows_of(each: Driven, rig: Rig, ahead: Ahead | None = None) -> list[Window]:
     """Stretches of `WINDOW_S` in which the motor turns one way and nothing is missing.
 
-    inductance: of the winding [H]; at a start its voltage runs ahead, and the motor seems to turn while it stands.
+    ahead: voltage of an inductance, at a start, or of brushes, while the motor stands; it seems to turn by that.
     """
     log = each.log
-    ahead = inductance * change_rate(log.t, log.z[:, 1], 1) if inductance else np.zeros(log.t.size)
-    w, smooth = speed_of(replace(log, z=log.z - np.outer(ahead, (1.0, 0.0, 0.0))), rig.model)
+    more = ahead.of(log) if ahead else np.zeros(log.t.size)
+    w, smooth = speed_of(replace(log, z=log.z - np.outer(more, (1.0, 0.0, 0.0))), rig.model)
     sign = np.where(
         np.abs(smooth) > max(SLOWEST * float(np.nanmax(np.abs(smooth), initial=0.0)), TURNS),
         np.sign(smooth),
@@ -127,7 +144,34 @@ def windows_of(each: Driven, rig: Rig, inductance: float = 0.0) -> list[Window]:
                 t = log.t[rows] - log.t[first]
                 seen = _seen(each, log.t[rows])
                 found.append(Window(t, log.z[rows], log.pitch[rows], w[rows], float(sign[a]), seen))
-    return [w for w in found if w.positions[0].size >= FEWEST]
+    return _moved([w for w in found if w.positions[0].size >= FEWEST])
+
+
+def _moved(windows: list[Window]) -> list[Window]:
+    """The windows in which the position moves with the speed as it does in all of them: what a voltage has beside a current and
+    a speed looks like motion at rest.
+    """
+    if not windows:
+        return windows
+    pairs = [_angle_and_position(w) for w in windows]
+    pitch = sum(float(a @ x) for a, x in pairs) / max(sum(float(a @ a) for a, _ in pairs), 1e-300)
+    return [w for w, pair in zip(windows, pairs, strict=True) if not _stays(*pair, pitch)]
+
+
+def _angle_and_position(w: Window) -> tuple[Array, Array]:
+    """Angle of the motor [rad] and position [m] where that was read, each from its mean."""
+    angle = np.append(0.0, np.cumsum(0.5 * (w.w[1:] + w.w[:-1]) * np.diff(w.t)))
+    seen, x = w.where_seen(angle), w.positions[1]
+    return seen - seen.mean(), x - x.mean()
+
+
+def _stays(angle: Array, x: Array, pitch: float) -> bool:
+    """Whether the position moves by less than `MOVES` of what the angle says, beyond doubt. pitch: in all windows [m/rad]."""
+    size = max(float(angle @ angle), 1e-300)
+    slope = float(angle @ x) / size
+    left = x - slope * angle
+    std = float(np.sqrt(left @ left / max(x.size - 2, 1) / size))
+    return pitch > 0.0 and slope + _SURE * std < MOVES * pitch
 
 
 def _seen(each: Driven, t: Array) -> tuple[Array, Array] | None:
