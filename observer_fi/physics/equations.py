@@ -373,8 +373,11 @@ def terminal_voltage(i, w, h, p):
 
 
 def speed_behind_readings(V, i, p):
-    """Equation 16: (V - Rm i) / Km [rad/s]; of numbers or arrays."""
-    return (V - p[RM] * i) / p[KM]
+    """Equation 16: (V - Rm i) / Km [rad/s], less what the brushes drop; of numbers or arrays."""
+    behind = V - p[RM] * i
+    if any_of_rare(p[EXTENDED]) and any_of_rare(p[BRUSH_DROP]):
+        behind = behind - p[BRUSH_DROP] * tanh(i / p[BRUSH_CURRENT])
+    return behind / p[KM]
 
 
 measured_speed = inlined(speed_behind_readings)

@@ -42,6 +42,7 @@ LIKELIER = 3.0  # nats by which a drop must be, than a winding without one
 DROP = ("brush_drop", "brush_current")
 TINY = 1e-30  # squares of steps, at least
 KNEES = (0.01, 0.03, 0.1)  # of the current, within which a drop changes its sign
+KNEE_RANGE, KNEE_STD = (0.003, 0.5), 0.2  # of the current, and of a knee, as it is known then
 
 
 class FromVoltage(NamedTuple):
@@ -80,16 +81,24 @@ class _Winding(NamedTuple):
 
 
 def from_voltage(
-    windows: Sequence[Window], rig: Rig, names: tuple[str, ...], at_rest: tuple[float, float] | None = None
+    windows: Sequence[Window],
+    rig: Rig,
+    names: tuple[str, ...],
+    at_rest: tuple[float, float] | None = None,
+    drop: float = 0.0,
 ) -> FromVoltage:
     """Rm and Km, and what `names` says of the mechanics, J first; maker's data enter as priors. at_rest: Rm as rests tell it, and
-    its standard error [ohm].
+    its standard error [ohm]. drop: that is known to be there [V].
     """
-    s = with_samples_between(circuit(windows, names), lambda w: circuit(w, names, plain=True), windows)
-    knee = _knee(windows, rig)
-    s, wound, drops = _with_winding(windows, rig, s, at_rest, knee)
-    L, drop = float(s.x[_L]), float(s.x[_DROP])
-    (_, Km_std), position_late = _torque_constant(windows, rig, float(s.x[_RM]), L, drop, knee)
+    knee = _knee_in_circuit(windows, names, drop) if drop else _knee(windows, rig)
+
+    def law(windows: Sequence[Window], plain: bool = True) -> Solution:
+        return circuit(windows, names, drop, knee, plain)
+
+    s = with_samples_between(law(windows, False), law, windows)
+    s, wound, drops = _with_winding(windows, rig, s, at_rest, knee, drop > 0.0)
+    L, left = float(s.x[_L]), float(s.x[_DROP])
+    (_, Km_std), position_late = _torque_constant(windows, rig, float(s.x[_RM]), L, left, knee)
 
     def values(coefficients: Array) -> Array:
         Rm, *loads, L, _, drop, more = coefficients.tolist()
@@ -102,7 +111,7 @@ def from_voltage(
     at, covariance = with_Km.x, with_Km.covariance
     slope = _slopes(values, at, STEP * np.sqrt(np.maximum(np.diag(covariance), TINY)))
     known = slope @ covariance @ slope.T
-    known[-2, -2] += drops * knee**2
+    known[-2, -2] += drops * (KNEE_STD * knee) ** 2
     position_late = position_late[0], float(np.hypot(position_late[1], np.sqrt(known[-1, -1])))
     return FromVoltage(
         ("Rm", "Km", *names, *(DROP if drops else ())), values(at)[:-1], known[:-1, :-1], s.sigma, s.n, s.of(_LATE),
@@ -110,18 +119,21 @@ def from_voltage(
     )  # fmt: skip
 
 
-def circuit(windows: Sequence[Window], names: Sequence[str], plain: bool = False) -> Solution:
-    """Coefficients of V: of i, of int i, of each load, of di/dt.
+def circuit(
+    windows: Sequence[Window], names: Sequence[str], drop: float = 0.0, knee: float = 1.0, plain: bool = False
+) -> Solution:
+    """Coefficients of V less a drop [V] that changes its sign with the current within a knee [A]: of i, of int i, of each load,
+    of di/dt.
 
     The noise of i makes that of i too small in plain least squares, by half where the motion is smooth; each reading has its
     neighbours for an instrument, and each rate those beyond them.
     """
     rows, y, instruments = [], [], []
     for w in windows:
-        i, free = w.z[:, 1], np.ones((w.t.size, 1))
+        V, i, free = w.z[:, 0], w.z[:, 1], np.ones((w.t.size, 1))
         loads = [integral(w.t, i), *load_integrals(w, names[1:])]
         rows.append(without(np.column_stack([i, *loads, change_rate(w.t, i, 1)]), free))
-        y.append(without(w.z[:, :1], free)[:, 0])
+        y.append(without((V - drop * np.tanh(i / knee))[:, None], free)[:, 0])
         beside = (
             [i, *loads, change_rate(w.t, i, 1)] if plain else [neighbours(i), *loads, change_rate(w.t, i, 2)]
         )
@@ -149,7 +161,12 @@ def with_samples_between(
 
 
 def _with_winding(
-    windows: Sequence[Window], rig: Rig, s: Solution, at_rest: tuple[float, float] | None, knee: float
+    windows: Sequence[Window],
+    rig: Rig,
+    s: Solution,
+    at_rest: tuple[float, float] | None,
+    knee: float,
+    with_drop: bool,
 ) -> _Winding:
     """The circuit with Rm in place of the coefficient of i, L in that of di/dt, a current that is late, and a drop.
 
@@ -158,11 +175,10 @@ def _with_winding(
     """
     of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
     late, wide = SKEW * interval_of(windows), LARGEST_DROP * _most([w.z[:, 0] for w in windows])
-    k = s.x.size
-    T = np.eye(k + 1)
-    T[_RM, k], T[k - 1, k] = -per_J, -of_i
-    s = s.beside(0.0, late)
-    s = s._replace(covariance=T @ s.covariance @ T.T).beside(0.0, wide)
+    s = s.beside(0.0, late).beside(0.0, wide)
+    T = np.eye(s.x.size)
+    T[_RM, _LATE], T[_L, _LATE] = -per_J, -of_i
+    s = s._replace(covariance=T @ s.covariance @ T.T)
     Rm, little = rig.model["Rm"], WINDING * wide
     s = s.knowing(_RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER)))
     without = s.knowing(_DROP, 0.0, little).knowing(_RM, *_resistance(windows, rig, None).of(_RM))
@@ -178,7 +194,7 @@ def _with_winding(
     )
     ways = [
         (more + of_way, _Winding(one, wound, drops))
-        for (drops, base, more) in ((False, without, nats[0]), (True, s, nats[1]))
+        for (drops, base, more) in ((False, without, nats[0]), (True, s, nats[1]))[with_drop:]
         for of_way, one, wound in _wound_or_late(base, Rm, late)
     ]
     found = _likeliest(ways)
@@ -193,12 +209,13 @@ def _likeliest(ways: Sequence[tuple[float, _Winding]]) -> _Winding:
     most = max(nats for nats, _ in ways)
     simple = any(nats > most - LIKELIER and not one.drops and not one.wound for nats, one in ways)
     ways = [(nats, one) for nats, one in ways if not (simple and one.drops)]
-    for drops in (True, False):
-        best = max(((nats, one) for nats, one in ways if drops or not one.drops), key=lambda way: way[0])[1]
-        found = best._replace(solution=_mixed(best.solution, ways))
-        if found.shows_drop or not best.drops:
-            break
-    return found
+    best = max(ways, key=lambda way: way[0])[1]
+    found = best._replace(solution=_mixed(best.solution, ways))
+    others = [way for way in ways if not way[1].drops]
+    if found.shows_drop or not best.drops or not others:
+        return found
+    best = max(others, key=lambda way: way[0])[1]
+    return best._replace(solution=_mixed(best.solution, ways))
 
 
 def _mixed(best: Solution, ways: Sequence[tuple[float, _Winding]]) -> Solution:
@@ -242,6 +259,20 @@ def _knee(windows: Sequence[Window], rig: Rig) -> float:
     """The current within which a drop changes its sign, as equation 8 fits best [A]."""
     usual = float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
     return min((share * usual for share in KNEES), key=lambda knee: _losses(windows, rig, knee).sigma)
+
+
+def _knee_in_circuit(windows: Sequence[Window], names: Sequence[str], drop: float) -> float:
+    """The same of a drop that is known [V], as the circuit fits best, whose voltage is read with less noise than an angle has."""
+    usual = float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
+
+    def left(log_share: float) -> float:
+        return circuit(windows, names, drop, usual * float(np.exp(log_share)), plain=True).sigma
+
+    low, high = (float(np.log(share)) for share in KNEE_RANGE)
+    found = scipy.optimize.minimize_scalar(
+        left, bounds=(low, high), method="bounded", options={"xatol": 0.02}
+    )
+    return usual * float(np.exp(found.x))
 
 
 def _losses(windows: Sequence[Window], rig: Rig, knee: float | None) -> Solution:

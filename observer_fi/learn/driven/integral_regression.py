@@ -107,13 +107,13 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
         later = [with_voltage_later(one, late) for one in each]
         windows = [w for one in later for w in windows_of(one, rig, ahead)]
         windows = windows or [w for one in later for w in windows_of(one, rig)]
-        return _without_drag(lambda names: from_voltage(windows, rig, names, at_rest), windows)
+        return _without_drag(lambda names: from_voltage(windows, rig, names, at_rest, ahead.drop), windows)
 
     interval = 1.0 / each[0].log.rate_hz
     s = found(late, ahead)
     if s.drops:
-        ahead = Ahead(0.0, *s.values[-2:].tolist())
-        s = found(late, ahead)
+        with_drop = Ahead(0.0, *s.values[-2:].tolist())
+        s, ahead = found(late, with_drop), with_drop
     for _ in range(_SHIFTS):
         more, std = s.current_late
         if not shows(more, std, interval):
