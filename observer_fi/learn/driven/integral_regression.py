@@ -28,7 +28,7 @@ from observer_fi.learn.driven.windows import (
     interval_of,
     windows_of,
 )
-from observer_fi.numerics import digits
+from observer_fi.numerics import digits, with_unit
 from observer_fi.physics import PARAMETERS, Rig
 from observer_fi.records import Array, Filter, Fit, Log, Parameter
 
@@ -92,10 +92,11 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
     missing = {name: text for name, text in needed.items() if not any(p.name == name for p in parameters)}
     nll = float(np.log(s.noise * np.sqrt(2.0 * np.pi)) + 0.5 * (s.sigma / s.noise) ** 2)
     error = {s.unit: s.sigma / rig.model["Km"] if with_voltage else s.sigma}
-    told = (_of_winding(s.inductance, float(s.values[0])),) if s.inductance else ()
+    told = [_of_winding(s.inductance, float(s.values[0]))] if s.inductance else []
+    told += [_of_drop(float(s.values[s.names.index(DROP[0])]))] if DROP[0] in s.names else []
     return Fit(
         parameters, _correlation(covariance), missing, nll, error, {"samples": s.samples},
-        filters=s.late, warnings=told, inductance=s.inductance,
+        filters=s.late, warnings=tuple(told), inductance=s.inductance,
     )  # fmt: skip
 
 
@@ -159,6 +160,13 @@ def _of_winding(L: Parameter, Rm: float) -> str:
         f"the voltage runs ahead of the current as {digits(1e3 * L.value)} mH in the winding make it "
         f"({digits(1e3 * L.value / Rm)} ms): the constants are those behind it, and the rig file has it, so that `diagnose` "
         "takes it out of the voltage"
+    )
+
+
+def _of_drop(volts: float) -> str:
+    return (
+        f"brushes, or the dead time of a converter, take {with_unit(volts, 'V')} whichever way the current flows: the constants "
+        "are those behind it, and the rig file has it as brush_drop"
     )
 
 
