@@ -142,8 +142,8 @@ def test_probabilities_are_calibrated() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("moves", [2, 6, 16])
-@pytest.mark.first(1)
 def test_what_is_outside_the_named_classes_is_not_taken_for_one_of_them(moves: int) -> None:
     other = d.study(d.jobs(d.OTHER, moves))
     seen = other[~other["kind"].isin(d.NOT_SEEN)]

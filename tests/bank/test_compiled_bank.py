@@ -406,8 +406,8 @@ def test_the_order_in_which_hypotheses_name_their_states_does_not_matter() -> No
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.first(1)
 def test_more_hypotheses_and_states_than_a_row_has_numbers(kind: str) -> None:
     """Ten hypotheses, one of them with twelve states, against filterpy."""
     log = cut(move(3, "overload"), onset(3, "overload") - 0.05, onset(3, "overload") + 0.05)

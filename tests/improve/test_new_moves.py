@@ -42,6 +42,7 @@ def test_the_rig_that_does_best_on_new_moves_is_handed_over(rippled: Improvement
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_json_counts_new_moves_and_says_what_noise_would_leave(rippled: Improvement) -> None:
     table = to_json(rippled)
     assert set(table["new_moves"]) == {"rig_file", "refit", "extended", "written"}

@@ -85,8 +85,8 @@ SHOWN_ELSEWHERE = [
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(("drive", "seed", "what", "size"), SHOWN_ELSEWHERE)
-@pytest.mark.first(1)
 @pytest.mark.usefixtures("not_on_new_moves")
 def test_a_position_that_is_shown_elsewhere_has_its_name_and_size(
     drive: str, seed: int, what: str, size: float

@@ -281,6 +281,7 @@ def test_a_drive_by_force_goes_to_the_inverse_model(campaign, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_the_study_writes_its_report(tmp_path):
     out = tmp_path / "identify.md"
     assert study.main(["--rigs", "1", "--seed", "300", "--no-diagnoses", "--out", str(out)]) == 0

@@ -58,9 +58,9 @@ def test_a_healthy_reversal_without_a_pitch_is_no_jam(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("label", ["overload", "coupling_loss", "slip", "jam"])
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.first(1)
 def test_faults_are_told_without_a_pitch(label: str, shape: str) -> None:
     right, wrong = 0, 0
     same = {"overload", "slip"} if label in ("overload", "slip") else {label}  # as with a pitch

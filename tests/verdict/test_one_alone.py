@@ -84,8 +84,8 @@ def test_a_servo_that_is_known_tells_more() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("trait", [None, "csv_3_decimals", "hum_50hz"])
-@pytest.mark.first(1)
 def test_sensors_that_fail_beside_a_servo_that_nobody_knows(trait: str | None) -> None:
     """They were faults without a name, or a lost coupling, at 1.0: 5 of 14. Not those that fail before a motion is steady."""
     seeds = [

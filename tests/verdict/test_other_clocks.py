@@ -38,7 +38,7 @@ def test_a_verdict_does_not_depend_on_the_clock_of_the_table(kind: str, seed: in
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.first(1)
 def test_most_verdicts_do_not(kind: str) -> None:
     assert sum(is_right(kind, seed) for seed in range(73_100, 73_118)) >= 17

@@ -103,6 +103,7 @@ def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("cause", "seed"),
     [
@@ -110,7 +111,6 @@ def test_a_weaker_name_goes_and_a_stronger_one_stays(monkeypatch: pytest.MonkeyP
         ("position_hysteresis", 7110033), ("lead_swing", 99100040),
     ],
 )  # fmt: skip
-@pytest.mark.first(1)
 def test_what_is_outside_the_vocabulary_has_its_equation_told_and_no_name(cause: str, seed: int) -> None:
     """They were voltage_offset, position_gain, viscous_friction, load_dependent_friction, and position_gain twice."""
     spec = hidden.draw_effects_case(seed, (cause,), 1.0 if cause in FAINT else 3.0)
