@@ -39,7 +39,7 @@ FIRST_SEED = 99_000
 CONFIDENT = 0.95
 Z95 = 1.959964
 VISCOUS = 0.3  # of the Coulomb friction, at full speed: what is hidden where `improve` is asked
-NOT_THERE = {"torque_offset": 0.0, "viscous_positive": 0.0}
+NOT_THERE = {"torque_offset": 0.0, "viscous_positive": 0.0, "brush_drop": 0.0}
 
 
 class Job(NamedTuple):

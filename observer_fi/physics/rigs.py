@@ -66,6 +66,9 @@ class Model:
     def __getitem__(self, parameter: str) -> float:
         return self.values[_position(parameter)]
 
+    def __contains__(self, parameter: object) -> bool:
+        return parameter in INDEX
+
     @property
     def vector(self) -> Array:
         """(VECTOR_SIZE,) what the equations take; the last slot says whether any effect is away from neutral, or a curve kept."""

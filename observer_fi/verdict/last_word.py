@@ -68,7 +68,7 @@ AROUND_S, KEEPS = (
 SHOWS_A_STOP = 0.5  # of the time in which a servo brakes: samples farther apart do not show how it stops
 # Faults that are small before they are great, and the nats over health from which one of them may be: of 120 healthy moves none
 # has 3.
-A_LITTLE_OF, A_LITTLE = ("slip", "jam"), 5.0
+A_LITTLE_OF, A_LITTLE = ("slip", "jam", "coupling_loss"), 5.0
 # Times the expected NIS of nominal before a fault, up to which that may have a name all the same.
 SO_SO = 2.0
 NOT_BEFORE = (
@@ -82,7 +82,7 @@ class LastWord:
 
     def __init__(self, rig: Rig, filters: Filters, settings: DecisionSettings) -> None:
         self.rig, self.filters, self.settings = rig, filters, settings
-        self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
+        self.stop_s = STOP_S
         self.stop_step_s = SHOWS_A_STOP * quarter_of_a_ring(rig.model) or math.inf  # nobody knows of others
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()

@@ -62,6 +62,12 @@ def test_override_leaves_the_original_and_refuses_what_does_not_exist() -> None:
         PLANT["viscous"]
 
 
+def test_a_model_tells_which_parameters_it_has() -> None:
+    model = load_rig().model
+    assert "Rm" in model and "brush_drop" in model
+    assert "Rn" not in model and 0 not in model
+
+
 def test_models_compare_and_pickle() -> None:
     assert override(PLANT, "nominal") == PLANT != faulty(PLANT, "overload")
     assert pickle.loads(pickle.dumps(PLANT)) == PLANT
