@@ -1,4 +1,4 @@
-"""A coupling that is lost beside a servo that nobody knows may look like the end of a move: the mass stands, and the rest tells."""
+"""A coupling lost beside a servo that nobody knows may look like the end of a move: the mass stands, and the rest tells."""
 
 import hidden
 import numpy as np
