@@ -144,6 +144,8 @@ def test_what_a_servo_misses_over_its_own_error_refutes_a_name_of_the_servo(
         ("load_dependent_friction", "load", 150.0, False),
         ("load_dependent_friction", "current", 150.0, False),
         ("load_dependent_friction", "load", 30.0, True),
+        ("viscous_friction", "speed", 30.0, False),
+        ("viscous_friction", "speed", 15.0, True),
         ("load_dependent_friction", "position", 150.0, True),
         ("position_periodic_error", "position", 150.0, False),
         ("position_periodic_error", "time", 150.0, True),
