@@ -19,7 +19,14 @@ from observer_fi.improve.new_moves import UNSEEN, NewMoves, handed_over, new_mov
 from observer_fi.improve.problem import Problem
 from observer_fi.improve.residual_tables import Residuals
 from observer_fi.improve.steps import Candidate, F, Ladder, Measure, Smooth, Step
-from observer_fi.learn import Experiment, FitResult, campaign_readings, with_crawl, with_servo
+from observer_fi.learn import (
+    Experiment,
+    FitResult,
+    campaign_readings,
+    refuse_suspects,
+    with_crawl,
+    with_servo,
+)
 from observer_fi.logs import (
     Excitation,
     filtered_logger,
@@ -112,7 +119,8 @@ def improve(
     """The whole of `improve` for logs of one rig, however it is driven.
 
     moves, settings: of moves that are simulated. keep_unexplained: what no cause explains becomes an empirical curve of the
-    extended rig, where it can. Raises UsageError for a rig whose drive these logs do not show.
+    extended rig, where it can. Raises UsageError for a rig whose drive these logs do not show, and
+    InvalidLogError for a channel of another unit or sign.
     """
     logs = logs if moves else [thinned(log, rig) for log in logs]
     if not rig.driven.motor:
@@ -122,6 +130,7 @@ def improve(
             )
         force = calculated_force(logs, rig)
         return improvement_of(force, name_causes(force, progress), progress)
+    refuse_suspects(logs, rig)
     commanded = [with_command(log if moves else on_its_clock(log, rig), rig) for log in logs]
     commanded = [without_winding(with_crawl(log, rig), rig) for log in commanded]
     winding, rig = rig.inductance, replace(rig, inductance=None)

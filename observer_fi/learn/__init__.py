@@ -77,6 +77,7 @@ from observer_fi.learn.servo.servo_start import with_crawl
 from observer_fi.learn.servo.tracking_loop import followed, tracked
 from observer_fi.learn.servo.unknown_servo import with_servo, with_usual_servo
 from observer_fi.learn.servo.whole_command import with_whole_command
+from observer_fi.learn.signs import refuse_suspects
 
 __all__ = [
     "MAKER",
@@ -144,6 +145,7 @@ __all__ = [
     "residual_on",
     "residuals",
     "residuals_each",
+    "refuse_suspects",
     "residuals_by_phase",
     "run",
     "scales",

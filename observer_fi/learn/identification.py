@@ -36,6 +36,7 @@ from observer_fi.learn.servo.encoder_steps import without_steps
 from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.learn.servo.servo_ticks import Ticks, are_one, with_one_age
+from observer_fi.learn.signs import refuse_suspects, with_possible_signs
 from observer_fi.logs import (
     LowPass,
     LowPasses,
@@ -183,8 +184,9 @@ def _identified(logs: Sequence[Log], rig: Rig, filters: bool) -> Fit:
         from observer_fi.learn.inverse_dynamics import identify_force
 
         return identify_force(logs, rig)
+    refuse_suspects(logs, rig)
     if not rig.driven.servo:
-        return identify_driven(logs, rig)
+        return with_possible_signs(identify_driven(logs, rig), logs)
     logs = [on_its_clock(log, rig) for log in logs]
     fit = _servo_fit(logs, rig, filters)
     winding = winding_of(logs, rig) if filters else None

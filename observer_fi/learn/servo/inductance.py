@@ -12,6 +12,7 @@ import numpy as np
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.driven.integral_regression import identify_driven
 from observer_fi.learn.servo.servo_start import with_crawl
+from observer_fi.learn.signs import with_possible_signs
 from observer_fi.logs import without_means
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log, Parameter
@@ -34,7 +35,7 @@ def winding_of(logs: Sequence[Log], rig: Rig) -> Fit | None:
         fit = identify_driven(even, replace(rig, drive="voltage"))
     except InvalidLogError:
         return None
-    return fit if fit.inductance else None
+    return with_possible_signs(fit, logs) if fit.inductance else None
 
 
 def behind_inductance(behind: Fit, before: Fit, winding: Fit) -> Fit:

@@ -21,6 +21,7 @@ import numpy as np
 
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.learn.driven.integral_regression import identify_driven
+from observer_fi.learn.signs import with_possible_signs
 from observer_fi.logs import moves_from_rest, with_command
 from observer_fi.numerics import constant_runs, filled
 from observer_fi.physics import UNLEARNED, Rig, speed, whole_command, with_values
@@ -47,7 +48,7 @@ def with_start(logs: Sequence[Log], rig: Rig) -> Rig:
 
     Raises InvalidLogError where the motor never turns for long enough.
     """
-    fit = identify_driven(logs, replace(rig, drive="voltage"))
+    fit = with_possible_signs(identify_driven(logs, replace(rig, drive="voltage")), logs)
     found = {
         p.name: p.value for p in fit.parameters if p.name in ("Rm", "Km", "J", "A", "B") and p.value > 0.0
     }

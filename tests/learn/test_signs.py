@@ -1,0 +1,55 @@
+"""A column whose sign is inverted is refused with its name: a fit would give the motor a resistance below zero."""
+
+from functools import cache
+
+import hidden
+import pandas as pd
+import pytest
+from drawn_sheets import drawn_sheet
+
+from observer_fi.errors import InvalidLogError
+from observer_fi.improve import improve
+from observer_fi.learn import identify
+from observer_fi.logs import log_from_frame
+from observer_fi.physics import Rig, load_rig, rig_of_sheet
+
+COLUMNS = ("voltage_v", "current_a", "position_m", "speed_cmd_rad_s")
+
+
+@cache
+def served() -> pd.DataFrame:
+    """A campaign behind the paper's servo."""
+    return hidden.make_log(hidden.draw_effect_case(99985510, None, 1.0), 99985510)[0]
+
+
+@cache
+def driven(drive: str, seed: int) -> tuple[pd.DataFrame, Rig]:
+    actuator = hidden.draw_actuator(seed, drive)
+    frame, _ = hidden.actuator_log(actuator, hidden.healthy_spec(actuator), seed)
+    return frame, rig_of_sheet(drawn_sheet(actuator, drive)).rig
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+@pytest.mark.parametrize("command", [identify, improve])
+def test_of_a_servo_whose_command_is_known(column: str, command) -> None:
+    log = log_from_frame(served().assign(**{column: -served()[column]}))
+    with pytest.raises(InvalidLogError, match=f"{column} goes the other way than"):
+        command([log], load_rig())
+
+
+@pytest.mark.parametrize(
+    ("drive", "column", "said"),
+    [("voltage", "voltage_v", "voltage_v"), ("voltage", "current_a", "current_a"), ("voltage", "position_m", "position_m"),
+     ("current", "current_a", "position_m goes the other way than current_a"),
+     ("current", "position_m", "position_m goes the other way than current_a")],
+)  # fmt: skip
+def test_of_a_motor_whose_servo_nobody_knows(drive: str, column: str, said: str) -> None:
+    frame, rig = driven(drive, 863752)
+    with pytest.raises(InvalidLogError, match=said):
+        identify([log_from_frame(frame.assign(**{column: -frame[column]}))], rig)
+
+
+def test_a_current_without_a_sign() -> None:
+    log = log_from_frame(served().assign(current_a=served()["current_a"].abs()))
+    with pytest.raises(InvalidLogError, match="is it a magnitude"):
+        identify([log], load_rig())
