@@ -86,9 +86,11 @@ def from_voltage(
     names: tuple[str, ...],
     at_rest: tuple[float, float] | None = None,
     drop: float = 0.0,
+    coarse: bool = False,
 ) -> FromVoltage:
     """Rm and Km, and what `names` says of the mechanics, J first; maker's data enter as priors. at_rest: Rm as rests tell it, and
-    its standard error [ohm]. drop: that is known to be there [V].
+    its standard error [ohm]. drop: that is known to be there [V]. coarse: whether readings come in steps, which look like any of
+    an inductance, a channel that is late, and a drop: none is told then.
     """
     knee = _knee_in_circuit(windows, names, drop) if drop else _knee(windows, rig)
 
@@ -96,7 +98,7 @@ def from_voltage(
         return circuit(windows, names, drop, knee, plain)
 
     s = with_samples_between(law(windows, False), law, windows)
-    s, wound, drops = _with_winding(windows, rig, s, at_rest, knee, drop > 0.0)
+    s, wound, drops = _with_winding(windows, rig, s, at_rest, knee, drop > 0.0, coarse)
     L, left = float(s.x[_L]), float(s.x[_DROP])
     (_, Km_std), position_late = _torque_constant(windows, rig, float(s.x[_RM]), L, left, knee)
 
@@ -167,6 +169,7 @@ def _with_winding(
     at_rest: tuple[float, float] | None,
     knee: float,
     with_drop: bool,
+    coarse: bool,
 ) -> _Winding:
     """The circuit with Rm in place of the coefficient of i, L in that of di/dt, a current that is late, and a drop.
 
@@ -184,6 +187,9 @@ def _with_winding(
     without = s.knowing(_DROP, 0.0, little).knowing(_RM, *_resistance(windows, rig, None).of(_RM))
     loss = _resistance(windows, rig, knee)
     s = s.knowing_all([_RM, s.x.size + _DROP], loss.x, loss.covariance)
+    if coarse:
+        plain = without.knowing(_L, 0.0, 0.5 * SHOWS_S * Rm).knowing(_LATE, 0.0, _IN_TIME * late)
+        return _Winding(plain, False, False)
     if at_rest and abs(at_rest[0] - without.x[_RM]) < _ELSE * np.hypot(at_rest[1], without.of(_RM)[1]):
         without = without.knowing(_RM, at_rest[0], float(np.hypot(at_rest[1], WINDING * Rm)))
     drop, std = s.of(_DROP)

@@ -9,6 +9,7 @@ per window. Noise stands in the measured voltage and position; the integrals har
 logged, the speed is integrated once more and compared with the position.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -37,6 +38,9 @@ PITCH_SPAN = 2.0  # deg
 DRAG, NO_DRAG = "viscous_positive", 2.0  # standard errors below which a drag may be none
 SEVERAL = 2.0  # samples of a time constant that tell where the motor begins to turn behind it
 Z95 = 1.959964
+COARSE = (
+    0.01  # of a steady reading, by which steps are off, from which on nothing finer than constants is told
+)
 _SHIFTS = 4  # after which a channel is as late as it is
 _NEEDED = {
     "J": "the speed hardly changes; record starts and stops",
@@ -103,12 +107,17 @@ def identify_driven(logs: Sequence[Log], rig: Rig) -> Fit:
 def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
     """Behind the winding's inductance where it has one, and with a voltage as late as the current. rate_hz: of the log."""
     late, ahead, at_rest = 0.0, Ahead(), resistance_at_rest(each, rig)
+    moving = [w for one in each for w in windows_of(one, rig)]
+    rounded = _rounded(each, moving, rig)
+    coarse = max(rounded) > COARSE
 
     def found(late: float, ahead: Ahead) -> FromVoltage:
         later = [with_voltage_later(one, late) for one in each]
         windows = [w for one in later for w in windows_of(one, rig, ahead)]
         windows = windows or [w for one in later for w in windows_of(one, rig)]
-        return _without_drag(lambda names: from_voltage(windows, rig, names, at_rest, ahead.drop), windows)
+        return _without_drag(
+            lambda names: from_voltage(windows, rig, names, at_rest, ahead.drop, coarse), windows
+        )
 
     interval = 1.0 / each[0].log.rate_hz
     s = found(late, ahead)
@@ -117,7 +126,7 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
         s, ahead = found(late, with_drop), with_drop
     for _ in range(_SHIFTS):
         more, std = s.current_late
-        if not shows(more, std, interval):
+        if coarse or not shows(more, std, interval):
             break
         late += more
         s = found(late, ahead)
@@ -126,13 +135,40 @@ def _by_voltage(each: Sequence[Driven], rig: Rig, rate_hz: float) -> _Told:
         s = found(late, ahead._replace(inductance=L[0]))
         L = s.inductance
     position, std = s.position_late
-    behind = (0.0, late, late + position if shows(late + position, std, interval) else 0.0)
+    behind = (0.0, late, late + position if not coarse and shows(late + position, std, interval) else 0.0)
     noise = float(np.hypot(rig.noise["voltage"], rig.model["Rm"] * rig.noise["current"]))
     inductance = Parameter("inductance", *L, 0.0, "H", L[0] - Z95 * L[1], L[0] + Z95 * L[1]) if L else None
+    covariance = s.covariance + _of_steps(s, rounded, moving)
     return _Told(
-        s.names, s.values, s.covariance, np.zeros(s.values.size), s.sigma, noise, "speed_rad_s",
+        s.names, s.values, covariance, np.zeros(s.values.size), s.sigma, noise, "speed_rad_s",
         s.n, as_filters(behind, rate_hz), inductance,
     )  # fmt: skip
+
+
+def _rounded(each: Sequence[Driven], windows: Sequence[Window], rig: Rig) -> tuple[float, float]:
+    """Relative standard deviations that the steps of voltage and current leave in what steady motion tells, and in what its
+    winding takes, of which the voltage is only a part.
+    """
+    left = [max(one.rounding[c] for one in each) for c in (0, 1)]
+    usual = [float(np.median(np.abs(np.concatenate([w.z[:, c] for w in windows])))) for c in (0, 1)]
+    steady = math.hypot(_share(left[0], usual[0]), _share(left[1], usual[1]))
+    return steady, math.hypot(steady, _share(left[0], rig.model["Rm"] * usual[1]))
+
+
+def _share(left: float, usual: float) -> float:
+    """What steps leave, of a reading: all of it at most."""
+    return left / max(left, usual) if left else 0.0
+
+
+def _of_steps(s: FromVoltage, rounded: tuple[float, float], windows: Sequence[Window]) -> Array:
+    """(k, k) covariance of what steps of these relative sizes do to each value."""
+    speed = max(float(np.abs(w.w).mean()) for w in windows)
+    friction = abs(float(s.values[s.names.index("A")]))
+    of_friction = {"torque_offset": friction, "viscous_positive": friction / speed}
+    pairs = zip(s.names, s.values.tolist(), strict=True)
+    return np.diag([
+        (rounded[name in ("Rm", "J")] * of_friction.get(name, value)) ** 2 for name, value in pairs
+    ])  # fmt: skip
 
 
 def _by_position(windows: list[Window], rig: Rig, rate_hz: float) -> _Told:

@@ -5,6 +5,7 @@ of every second row a resistance 15 % larger, both within a percent by their sta
 current are fresh, the other channels lie on a smooth curve through their updates, and a position counts where it was one.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from observer_fi.learn.fit_readings import fresh_readings, without_logger
 from observer_fi.logs import change_rate, position_speed
 from observer_fi.numerics import constant_runs, filled
 from observer_fi.physics import Model, Rig, speed
-from observer_fi.records import Acquisition, Array, Log
+from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
 WINDOW_S = 0.25
 SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doubt
@@ -93,10 +94,13 @@ class Ahead(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A log whose rows are fresh; seen: times [s] and values (k,) [m] of the positions that were."""
+    """A log whose rows are fresh; seen: times [s] and values (k,) [m] of the positions that were. rounding: what the steps of a
+    converter leave in a steady voltage [V] and current [A], standard deviations.
+    """
 
     log: Log
     seen: tuple[Array, Array]
+    rounding: tuple[float, float] = (0.0, 0.0)
 
 
 def driven(log: Log, rig: Rig) -> Driven:
@@ -107,7 +111,19 @@ def driven(log: Log, rig: Rig) -> Driven:
     rows = _rows(fresh, [c for c in _DRIVES if held[c]])
     z = np.column_stack([_curve(fresh, log, c, held[c])[rows] for c in range(3)])
     read = np.isfinite(fresh.z[:, _POSITION])
-    return Driven(replace(log.part(rows), z=z), (log.t[read], fresh.z[read, _POSITION]))
+    seen = log.t[read], fresh.z[read, _POSITION]
+    return Driven(replace(log.part(rows), z=z), seen, (_left_of(acquisition[0]), _left_of(acquisition[1])))
+
+
+def _left_of(channel: ChannelTraits) -> float:
+    """What steps leave in the mean of a steady reading, whose noise of a third of a step carries it over them: the first harmonic
+    of a rounding error (B. Widrow and I. Kollar, Quantization Noise, 2008).
+    """
+    step = channel.resolution
+    if not step:
+        return 0.0
+    noise = math.sqrt(max(channel.noise_std**2 - step**2 / 12.0, 0.0))
+    return step / (math.pi * math.sqrt(2.0)) * math.exp(-2.0 * (math.pi * noise / step) ** 2)
 
 
 def _without_false_rest(log: Log) -> Log:
