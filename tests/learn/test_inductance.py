@@ -82,8 +82,8 @@ def test_a_log_of_fifty_samples_a_second_tells_no_more_than_it_can(seed: int) ->
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("drive", ["pi_servo", "position_servo"])
-@pytest.mark.first(1)
 def test_a_servo_is_learned_behind_the_inductance_of_its_motor(drive: str) -> None:
     """Taken for a resistance and a servo, it made Rm 0.6 %, J 2 % and Ki 16 % of the truth off, at intervals a tenth of that."""
     actuator, _, fit = fitted(drive, 700_000, 1.5e-3)

@@ -61,8 +61,8 @@ def test_an_actuator_is_judged_right(drive: str, seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("share", [1.0, 0.05])
-@pytest.mark.first(1)
 def test_a_loop_that_is_fed_forward_is_judged_as_one_that_nobody_knows(share: float) -> None:
     """Its command was none to speak of: no move, or a position sensor for sure; with 5 % a winding that was 20 % off."""
     actuator = hidden.draw_actuator(300014, "position_servo")

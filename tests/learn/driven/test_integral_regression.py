@@ -58,6 +58,7 @@ def test_the_noise_of_the_current_makes_no_resistance_smaller() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_what_the_position_tells_of_a_winding_is_told_with_it() -> None:
     """Softly started moves tell equation 2 less of a resistance than equation 8."""
     rig = rig_of_sheet(SHEET).rig
