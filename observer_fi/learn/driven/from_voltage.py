@@ -176,35 +176,43 @@ def _with_winding(
     What equation 8, the maker and a winding that may be warmer say of Rm counts; what rests say, where no drop is likely and
     motion says nothing else.
     """
-    of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
-    late, wide = SKEW * interval_of(windows), LARGEST_DROP * _most([w.z[:, 0] for w in windows])
-    s = s.beside(0.0, late).beside(0.0, wide)
-    T = np.eye(s.x.size)
-    T[_RM, _LATE], T[_L, _LATE] = -per_J, -of_i
-    s = s._replace(covariance=T @ s.covariance @ T.T)
-    Rm, little = rig.model["Rm"], WINDING * wide
-    s = s.knowing(_RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER)))
-    without = s.knowing(_DROP, 0.0, little).knowing(_RM, *_resistance(windows, rig, None).of(_RM))
-    loss = _resistance(windows, rig, knee)
-    s = s.knowing_all([_RM, s.x.size + _DROP], loss.x, loss.covariance)
+    Rm, late = rig.model["Rm"], SKEW * interval_of(windows)
+    wide = LARGEST_DROP * max(float(np.abs(w.z[:, 0]).max()) for w in windows)
+    s = _of_late_and_drop(s, late, wide).knowing(
+        _RM, Rm, Rm * float(np.hypot(rig.spread("Rm") or 0.0, WARMER))
+    )
+    without = s.knowing(_DROP, 0.0, WINDING * wide).knowing(_RM, *_resistance(windows, rig, None).of(_RM))
     if coarse:
         plain = without.knowing(_L, 0.0, 0.5 * SHOWS_S * Rm).knowing(_LATE, 0.0, _IN_TIME * late)
         return _Winding(plain, False, False)
     if at_rest and abs(at_rest[0] - without.x[_RM]) < _ELSE * np.hypot(at_rest[1], without.of(_RM)[1]):
         without = without.knowing(_RM, at_rest[0], float(np.hypot(at_rest[1], WINDING * Rm)))
-    drop, std = s.of(_DROP)
-    log_density, log_share = scipy.stats.norm.logpdf, scipy.stats.norm.logcdf
-    nats = (
-        log_density(0.0, drop, np.hypot(std, little)) - log_density(0.0, 0.0, wide),
-        np.log(2.0) + log_share(drop / std),
-    )
-    ways = [
+    loss = _resistance(windows, rig, knee)
+    s = s.knowing_all([_RM, _DROP], loss.x, loss.covariance)
+    kinds = [(True, s, _nats_of_drop(s, wide)[1])]
+    kinds += [] if with_drop else [(False, without, _nats_of_drop(s, wide)[0])]
+    found = _likeliest([
         (more + of_way, _Winding(one, wound, drops))
-        for (drops, base, more) in ((False, without, nats[0]), (True, s, nats[1]))[with_drop:]
+        for drops, base, more in kinds
         for of_way, one, wound in _wound_or_late(base, Rm, late)
-    ]
-    found = _likeliest(ways)
+    ])  # fmt: skip
     return found._replace(wound=found.wound and _shows(found.solution, Rm))
+
+
+def _of_late_and_drop(s: Solution, late: float, wide: float) -> Solution:
+    """A circuit whose coefficients are those of a current that may be late [s], and with a drop [V]: standard deviations."""
+    of_i, per_J = float(s.x[_RM]), float(s.x[_PER_J])
+    s = s.beside(0.0, late).beside(0.0, wide)
+    T = np.eye(s.x.size)
+    T[_RM, _LATE], T[_L, _LATE] = -per_J, -of_i
+    return s._replace(covariance=T @ s.covariance @ T.T)
+
+
+def _nats_of_drop(s: Solution, wide: float) -> tuple[float, float]:
+    """How likely no drop is, and one [nats], of a circuit in which it is free. wide: standard deviation of one before [V]."""
+    (drop, std), log_density = s.of(_DROP), scipy.stats.norm.logpdf
+    none = log_density(0.0, drop, np.hypot(std, WINDING * wide)) - log_density(0.0, 0.0, wide)
+    return float(none), float(np.log(2.0) + scipy.stats.norm.logcdf(drop / std))
 
 
 def _likeliest(ways: Sequence[tuple[float, _Winding]]) -> _Winding:
@@ -263,13 +271,18 @@ def _shows(s: Solution, Rm: float) -> bool:
 
 def _knee(windows: Sequence[Window], rig: Rig) -> float:
     """The current within which a drop changes its sign, as equation 8 fits best [A]."""
-    usual = float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
+    usual = _usual_current(windows)
     return min((share * usual for share in KNEES), key=lambda knee: _losses(windows, rig, knee).sigma)
+
+
+def _usual_current(windows: Sequence[Window]) -> float:
+    """Root mean square of the current in motion [A]."""
+    return float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
 
 
 def _knee_in_circuit(windows: Sequence[Window], names: Sequence[str], drop: float) -> float:
     """The same of a drop that is known [V], as the circuit fits best, whose voltage is read with less noise than an angle has."""
-    usual = float(np.sqrt(np.mean(np.concatenate([w.z[:, 1] for w in windows]) ** 2)))
+    usual = _usual_current(windows)
 
     def left(log_share: float) -> float:
         return circuit(windows, names, drop, usual * float(np.exp(log_share)), plain=True).sigma
@@ -336,10 +349,6 @@ def _torque_constant(
     weight = maker**2 / (std**2 + maker**2)
     mixed = weight * Km + (1.0 - weight) * model["Km"], std * float(np.sqrt(weight))
     return mixed, (late * Km, late_std * Km)
-
-
-def _most(of: Sequence[Array]) -> float:
-    return max(float(np.abs(one).max()) for one in of)
 
 
 def _slopes(function: Callable[[Array], Array], at: Array, step: Array) -> Array:

@@ -17,7 +17,7 @@ from observer_fi.records import Fit, Log
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log
 
-KNEE = 0.1  # of the current that friction takes
+KNEES = (0.02, 0.1, 0.4)  # of the current that friction takes
 GROSS = 0.3  # of the voltage that friction takes
 
 
@@ -25,7 +25,7 @@ def drops(actuator: hidden.Actuator, share: float, spec: Any, seed: int) -> tupl
     """A log, and the drop in it [V]."""
     friction = actuator.rig.A / actuator.rig.Km
     volts = share * friction * actuator.rig.Rm
-    brushes = (effect("brush_drop", drop=volts, knee=KNEE * friction),) if share else ()
+    brushes = (effect("brush_drop", drop=volts, knee=KNEES[actuator.seed % 3] * friction),) if share else ()
     frame, _ = hidden.actuator_log(actuator, replace(spec, effects=(*spec.effects, *brushes)), seed)
     return log_from_frame(frame), volts
 
