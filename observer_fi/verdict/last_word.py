@@ -82,6 +82,7 @@ class LastWord:
 
     def __init__(self, rig: Rig, filters: Filters, settings: DecisionSettings) -> None:
         self.rig, self.filters, self.settings = rig, filters, settings
+        self.stop_s = STOP_S if rig.driven.servo else 0.0  # how an unknown servo stops, no model says
         self.stop_step_s = SHOWS_A_STOP * quarter_of_a_ring(rig.model) or math.inf  # nobody knows of others
         self.hypotheses: tuple[Hypothesis, ...] = ()
         self.laws: tuple[Hypothesis, ...] = ()
@@ -125,10 +126,24 @@ class LastWord:
         doubted = event.doubted_s if event.label == NOMINAL else event.detected_s or event.doubted_s
         if doubted is None:
             return event
-        told = self._asked(event, bank, doubted, STOP_S if event.label == NOMINAL else 0.0)
+        told = self._asked(event, bank, doubted, self.stop_s if event.label == NOMINAL else 0.0)
+        if told.label == NOMINAL and not told.alike and not self.stop_s:
+            told = self._or_no_stop(told, event, bank, doubted)
         self.stood[event.label] += told.label == event.label
         stopped = told.label == UNKNOWN and event.label == UNKNOWN and self._in_the_stop(doubted, event, bank)
-        return self._asked(event, bank, doubted, STOP_S) if stopped else told
+        return self._asked(event, bank, doubted, self.stop_s) if stopped else told
+
+    def _or_no_stop(self, told: Event, event: Event, bank: Bank, doubted: float) -> Event:
+        """Health, or as well a coupling that was lost as the motor seemed to be stopped, where the rest after it says so by a little.
+
+        It says nothing else: no model knows how an unknown servo stops.
+        """
+        explained = dict(self.explained)
+        also = self._asked(event, bank, doubted, STOP_S)
+        if also.label == NOMINAL and also.alike == ("coupling_loss",):
+            return also
+        self.explained = explained
+        return told
 
     def _in_the_stop(self, doubted: float, event: Event, bank: Bank) -> bool:
         """Whether a doubt came just before the motor was stopped, or later."""

@@ -11,7 +11,7 @@ from hidden.effects import effect
 
 from observer_fi.learn import identified_rig, identify
 from observer_fi.learn.equation_errors import with_equation_errors
-from observer_fi.logs import log_from_frame
+from observer_fi.logs import filtered_logger, log_from_frame, with_command, with_logger
 from observer_fi.physics import rig_of_sheet
 from observer_fi.records import Fit, Log
 from observer_fi.settings import Settings
@@ -82,10 +82,11 @@ def test_none_is_told_of_a_winding_without_one(seed: int) -> None:
 def test_verdicts_of_moves_with_a_drop(seed: int, label: str) -> None:
     actuator, fit, _ = learned(seed, GROSS)
     campaign, _ = drops(actuator, GROSS, hidden.healthy_spec(actuator), seed)
-    rig = with_equation_errors(
-        identified_rig(fit, rig_of_sheet(drawn_sheet(actuator, "voltage")).rig), [campaign]
-    )
+    found = identified_rig(fit, rig_of_sheet(drawn_sheet(actuator, "voltage")).rig)
+    campaign = with_command(campaign, found)
+    logged = filtered_logger(with_logger(found, [campaign]), fit.filters, campaign.rate_hz)
+    rig = with_equation_errors(logged, [campaign], fit.filters)
     log, _ = drops(actuator, GROSS, hidden.fault_spec(actuator, label, seed), seed + 1)
-    found = diagnose_log(log, rig, Settings()).isolation
-    assert found is not None
-    assert (found.verdict.label, found.verdict.probability > 0.95) == (label, True)
+    told = diagnose_log(log, rig, Settings()).isolation
+    assert told is not None
+    assert (told.verdict.label, told.verdict.probability > 0.95) == (label, True)
