@@ -171,7 +171,7 @@ def calibration(jobs: Iterable[Job]) -> pd.DataFrame:
         keep = np.flatnonzero(e.active)[::10]
         happened = e.t[keep] >= (np.inf if truth["onset_s"] is None else truth["onset_s"])
         for label in NAMED:
-            columns = [k for k, mode in enumerate(e.modes) if label_of(mode) == label]
+            columns = np.flatnonzero([label_of(mode) == label for mode in e.modes])
             p.append(e.probability[np.ix_(keep, columns)].sum(axis=1))
             true.append(np.where(happened, job.label == label, label == "nominal"))
     table = pd.DataFrame({"p": np.clip(np.concatenate(p), 0.0, 1.0), "true": np.concatenate(true)})

@@ -140,10 +140,8 @@ def _judge(seed: int, label: str, truth: hidden.Rig, rigs: Sequence[Rig]) -> lis
     pitch = spec.profile.pitch_steps[0][1]
     spec = replace(spec, rig=rig, start_integral_rad=hidden.draw_rest_integral(rng, rig, pitch))
     log = _log(spec, seed)
-    return [
-        scores.case(label, label, spec.fault.onset_s, diagnose_log(log, r, Settings()).isolation)
-        for r in rigs
-    ]
+    found = [diagnose_log(log, r, Settings()).isolation for r in rigs]
+    return [scores.case(label, label, spec.fault.onset_s, f) for f in found if f is not None]
 
 
 # --- the report -----------------------------------------------------------------------------------
@@ -151,7 +149,7 @@ def _judge(seed: int, label: str, truth: hidden.Rig, rigs: Sequence[Rig]) -> lis
 
 def coverage_rows(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
     """Per parameter: rigs, share of 95 % intervals that hold the truth, median errors, standard error."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in dict.fromkeys(e.name for t in trials for e in t.estimates):
         some = [e for t in trials for e in t.estimates if e.name == name]
         held = f"{100.0 * np.mean([e.held for e in some]):.0f} %"

@@ -72,7 +72,8 @@ def start_figures(measured: Log, modelled: Log, rig: Rig) -> dict[int, still_fig
     since = measured.t - START
     shown = (since >= 0.0) & (since <= SHOWN_S)
     pairs = [(measured.z[shown, c], modelled.z[shown, c]) for c in range(2)]
-    pairs.append(tuple(residuals.speed(log.z[shown], rig.model.vector) for log in (measured, modelled)))
+    p = rig.model.vector
+    pairs.append((residuals.speed(measured.z[shown], p), residuals.speed(modelled.z[shown], p)))
     return {k + 1: still_figures.start_figure(k, since[shown], *pair) for k, pair in enumerate(pairs)}
 
 

@@ -49,16 +49,17 @@ def cycles_of(path: Path) -> list[Cycle]:
     """All cycles of a file, in order."""
     table, file = pd.read_csv(path), path.name.removesuffix(".csv.gz")
     rig, found = rig_without_constants(), []
-    for (load, run, group), rows in table.groupby(["load", "run", "group"], sort=False):
+    for key, rows in table.groupby(["load", "run", "group"], sort=False):
+        load, run, group = (int(str(k)) for k in key)
         frame = pd.DataFrame({
             "time_s": STEP_S * np.arange(len(rows)),
             "current_a": rows["current"].to_numpy(float),
             "position_m": (rows["set_point"] - rows["position_error"]).to_numpy(float) / 1e3,
             "position_cmd_m": rows["set_point"].to_numpy(float) / 1e3,
-            "load_n": GRAVITY * float(load),
+            "load_n": GRAVITY * load,
         })  # fmt: skip
         name = f"{file}/{load}_{run:02d}_{group:03d}"
-        found.append(Cycle(file, int(load), int(run), frame, digest_of(log_from_frame(frame, name), rig)))
+        found.append(Cycle(file, load, run, frame, digest_of(log_from_frame(frame, name), rig)))
     return found
 
 
@@ -131,9 +132,8 @@ def _pooled(same: list[Digest]) -> Digest:
     first = same[0]
     alike = [d for d in same if d.names == first.names]
     curves = [d.curve for d in alike if d.curve is not None]
-    curve = replace(
-        curves[0], **{k: np.concatenate([getattr(c, k) for c in curves]) for k in ("x", "torque", "way")}
-    )
+    x, torque, way = (np.concatenate([getattr(c, k) for c in curves]) for k in ("x", "torque", "way"))
+    curve = replace(curves[0], x=x, torque=torque, way=way)
     return replace(
         first, value=np.mean([d.value for d in alike], axis=0),
         covariance=np.sum([d.covariance for d in alike], axis=0) / len(alike) ** 2, curve=curve,

@@ -152,7 +152,7 @@ def table(frame: pd.DataFrame, key: str, otherwise: bool = True) -> str:
         wrong = part[~part["right"]]
         said = "; ".join(f"{row.of}, {row.label}: {row.said}" for row in wrong.itertuples())
         rows.append({
-            key: group, **{of: f"{int(g['right'].sum())} of {len(g)}" for of, g in part.groupby("of", sort=False)},
+            key: group, **{str(of): f"{int(g['right'].sum())} of {len(g)}" for of, g in part.groupby("of", sort=False)},
             "confident and wrong": int(wrong["confident"].sum()), **({"said otherwise": said} if otherwise else {}),
         })  # fmt: skip
     return markdown(pd.DataFrame(rows).fillna("").set_index(key))

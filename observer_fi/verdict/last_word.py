@@ -134,7 +134,7 @@ class LastWord:
         return self._asked(event, bank, doubted, self.stop_s) if stopped else told
 
     def _or_no_stop(self, told: Event, event: Event, bank: Bank, doubted: float) -> Event:
-        """Health, or as well a coupling that was lost as the motor seemed to be stopped, where the rest after it says so by a little.
+        """Health, or as well a coupling lost as the motor seemed to be stopped, where the rest after it says so by a little.
 
         It says nothing else: no model knows how an unknown servo stops.
         """
