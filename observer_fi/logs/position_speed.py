@@ -18,7 +18,15 @@ HIDDEN, SEEN, FARTHEST_S = 0.12, 0.04, 0.5
 FEWEST = 5  # samples of a stretch
 # Standard deviations of its noise from which a speed is seen; of that of the fastest, below which a mass stands.
 SIGMAS, SLOWEST, TOP = 6.0, 0.03, 0.98
+MISSING = 0.5  # rows by which a log is longer than it has rows, from which on some are missing
 LONGER = 2  # times as long is the next stretch in which a slower move is looked for
+# Times what white noise makes of the slopes, from which they scatter by more: by hum, or a baseline that wanders. Stretches are
+# compared with those so many of their lengths away, of which a period can be but one.
+MORE, APART = 1.5, (1.0, 0.6)
+QUIET, QUIET_SIGMAS = (
+    0.25,
+    0.3186,
+)  # of those differences, the quietest, and what a normal distribution has below it
 
 
 class PositionSpeed(NamedTuple):
@@ -35,10 +43,11 @@ class PositionSpeed(NamedTuple):
 def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
     """Speed of a motor whose mass is at x (n,) [m] at the times t (n,) [s]; D [m/rad].
 
-    Of readings that are held the slope is that of the updates, with straight lines between them.
+    Of readings that are held the slope is that of the updates, with straight lines between them; so it is of rows some of which
+    are missing.
     """
     x = filled(x)
-    updates = _updates(t, x)
+    updates = _updates(t, x) or _evenly(t, x)
     if updates is None:
         return _slope(t, x, D)
     slope = _slope(*updates, D)
@@ -60,6 +69,15 @@ def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:
     return (at, np.interp(at, t[fresh], x[fresh])) if at.size > FEWEST else None
 
 
+def _evenly(t: Array, x: Array) -> tuple[Array, Array] | None:
+    """Even times [s] and readings (k,) there, of x (n,) at times t (n,) [s] some of which are missing; None where none is."""
+    interval = float(np.median(np.diff(t)))
+    if t[-1] - t[0] < (t.size - 1 + MISSING) * interval:
+        return None
+    at = np.arange(t[0], t[-1] + 0.5 * interval, interval)
+    return at, np.interp(at, t, x)
+
+
 def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
     from scipy.ndimage import maximum_filter1d
     from scipy.signal import savgol_filter
@@ -69,19 +87,22 @@ def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
     noise, size = _reading_std(x), FEWEST
     for worse, share, longest in ((SURE, SURE, LONGEST_S), (HIDDEN, SEEN, FARTHEST_S)):
         top = _top(x, step, longest)
-        if _slope_std(noise, size, step) <= worse * top:
+        if _slope_noise(x, size, noise, step) <= worse * top:
             break
         most = max(FEWEST, min(round(longest / step) | 1, whole))
         while size < most and _slope_std(noise, size, step) > share * top:
             size += 2
         size = min(size, most)
-    slope, std = savgol_filter(x, size, 1, deriv=1, delta=step), _slope_std(noise, size, step)
+        size = _past_scatter(x, size, most, noise, share * top, step)
+    slope = savgol_filter(x, size, 1, deriv=1, delta=step)
+    std = _scatter(slope, size, noise, step)
+    more = std / max(_slope_std(noise, size, step), 1e-300)  # which longer stretches have at most
     least = SLOWEST * float(np.quantile(np.abs(slope), TOP))
     moves = np.abs(slope) > max(SIGMAS * std, least)
     longer = LONGER * size | 1
     while longer * step <= FARTHEST_S and longer <= whole:
         slower = savgol_filter(x, longer, 1, deriv=1, delta=step)
-        enough = max(SIGMAS * _slope_std(noise, longer, step), least)
+        enough = max(SIGMAS * more * _slope_std(noise, longer, step), least)
         near = maximum_filter1d(moves, 2 * (longer // 2 + size // 2) + 1, mode="constant")
         found = _slow_moves(slower, enough, near, longer)
         slope, moves, longer = np.where(found, slower, slope), moves | found, LONGER * longer | 1
@@ -127,6 +148,37 @@ def _stepped(steps: Array) -> bool:
 def _slope_std(noise: float, size: int, step: float) -> float:
     """Standard deviation of the slope of a straight line through `size` readings."""
     return noise * math.sqrt(12.0 / (size * (size**2 - 1.0))) / step
+
+
+def _slope_noise(x: Array, size: int, noise: float, step: float) -> float:
+    """Standard deviation of the slopes of stretches of `size` readings, whose noise is white, or more besides."""
+    from scipy.signal import savgol_filter
+
+    return _scatter(savgol_filter(x, size, 1, deriv=1, delta=step), size, noise, step)
+
+
+def _scatter(slope: Array, size: int, noise: float, step: float) -> float:
+    """Standard deviation of the slopes (n,) of stretches of `size` readings: that of white noise, or by far more where they
+    scatter by that.
+
+    A motion that is steady, or over, for a quarter of a log leaves nothing there of the second differences of short stretches.
+    """
+    white = found = _slope_std(noise, size, step)
+    if size * step > LONGEST_S:
+        return white
+    for share in APART:
+        lag = max(round(share * size), 1)
+        second = np.abs(slope[2 * lag :] - 2.0 * slope[lag:-lag] + slope[: -2 * lag])
+        if second.size:
+            found = max(found, float(np.quantile(second, QUIET)) / (QUIET_SIGMAS * math.sqrt(6.0)))
+    return found if found > MORE * white else white
+
+
+def _past_scatter(x: Array, size: int, most: int, noise: float, goal: float, step: float) -> int:
+    """The length of stretches, from `size` to `most` readings, whose slopes scatter by no more than `goal` [m/s]."""
+    while size < most and _slope_noise(x, size, noise, step) > goal:
+        size = min(math.ceil(1.3 * size) | 1, most)
+    return size
 
 
 def _top(x: Array, step: float, longest: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from documented_rigs import lift
-from hidden import actuator_log, fault_spec, healthy_spec, true_motion
+from hidden import actuator_log, draw_actuator, fault_spec, healthy_spec, true_motion
 
 from observer_fi.logs import log_from_frame, position_speed, recover_command, with_command
 from observer_fi.physics import DataSheet, Rig, load_rig, override, rig_of_sheet, with_values
@@ -38,6 +38,28 @@ def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: flo
     moving = steady & (true != 0.0)
     assert moving.any() and np.quantile(np.abs(found.w - true)[moving], 0.95) < 0.05 * np.abs(true).max()
     assert np.quantile(np.abs(found.w)[steady & (true == 0.0)], 0.95) < 0.05 * np.abs(true).max()
+
+
+@pytest.mark.parametrize("kept", [1.0, 0.95])
+@pytest.mark.parametrize("sigmas", [1.0, 10.0, 50.0])
+@pytest.mark.parametrize("hz", [16.7, 50.0, 60.0, 100.0])
+@pytest.mark.parametrize("seed", [863900, 863901, 863902, 863903])
+@pytest.mark.first(12)
+def test_hum_on_the_position_is_no_motion(seed: int, hz: float, sigmas: float, kept: float) -> None:
+    """Of an eighth of the top speed at most: what is more hides moves."""
+    actuator = draw_actuator(seed, "current")
+    spec = healthy_spec(actuator)
+    frame, _ = actuator_log(actuator, spec, seed)
+    true = true_motion(spec).speed
+    rows = np.sort(np.random.default_rng(seed).permutation(len(frame))[: round(kept * len(frame))])
+    t, true = frame["time_s"].to_numpy()[rows], true[rows]
+    noise = actuator.logger.position_noise_m
+    size = min(sigmas * noise, 0.125 * actuator.rig.D * np.abs(true).max() / (2.0 * np.pi * hz))
+    x = frame["position_m"].to_numpy()[rows] + size * np.sin(2.0 * np.pi * hz * t + seed)
+    found = position_speed(t, x, actuator.rig.D)
+    settled = np.convolve(true != 0.0, np.ones(round(0.5 / (t[1] - t[0])) | 1), "same") == 0.0
+    assert settled.any() and found.moves[settled].mean() < 0.02
+    assert found.moves[np.abs(true) > 0.5 * np.abs(true).max()].mean() > 0.98
 
 
 def test_readings_without_noise_and_a_mass_that_stands() -> None:

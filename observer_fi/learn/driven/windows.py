@@ -25,8 +25,9 @@ SLOWEST = 0.05  # of the fastest speed: below it the sign of friction is in doub
 SMOOTH_S = 0.02  # over which the speed is averaged to find where the motor turns
 TURNS = 20.0  # rad/s: a motor slower than this stands
 FEWEST = 4  # positions in a window, and readings of a curve
-_GAP = 1.5  # times as far apart as hardly any rows are: something is missing
-_USUAL = 0.95  # of the rows
+# Times as far apart as rows usually are, or seconds: more is missing than an integral goes over. Three rows that are lost, or
+# a few more of a fast logger, are no break.
+_GAP, _GAP_S = 4.5, 3e-3
 _LONGEST = 3.0  # times between two updates of a held channel, over which a curve goes
 _TOGETHER = 0.8  # of the updates of one channel are those of another
 _DRIVES = (0, 1)  # voltage and current
@@ -149,7 +150,7 @@ def windows_of(each: Driven, rig: Rig, ahead: Ahead | None = None) -> list[Windo
     channels = log.z[:, 1:] if np.isnan(log.z[:, 0]).all() else log.z
     sign[~np.isfinite(channels).all(axis=1)] = 0.0
     size = round(WINDOW_S * log.rate_hz)
-    most = _GAP * float(np.quantile(np.diff(log.t), _USUAL))
+    most = max(_GAP * float(np.median(np.diff(log.t))), _GAP_S)
     found = []
     for a, b in constant_runs(sign):
         if sign[a] == 0.0:
