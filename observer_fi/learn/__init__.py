@@ -71,13 +71,13 @@ from observer_fi.learn.output_error import (
     whiteness,
     without_moves,
 )
+from observer_fi.learn.plausibility import refuse_suspects
 from observer_fi.learn.reversal_doubt import CAUGHT_A, doubt_along
 from observer_fi.learn.servo.command_timing import doubtful, timed
 from observer_fi.learn.servo.servo_start import with_crawl
 from observer_fi.learn.servo.tracking_loop import followed, tracked
 from observer_fi.learn.servo.unknown_servo import with_servo, with_usual_servo
 from observer_fi.learn.servo.whole_command import with_whole_command
-from observer_fi.learn.signs import refuse_suspects
 
 __all__ = [
     "MAKER",

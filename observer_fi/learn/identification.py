@@ -32,11 +32,11 @@ from observer_fi.learn.logger.filtered_readings import NAMES as FILTERED
 from observer_fi.learn.logger.filtered_readings import Through
 from observer_fi.learn.logger.low_passes import filter_of, needed
 from observer_fi.learn.move_data import share_of
+from observer_fi.learn.plausibility import refuse_suspects, told_if_far, told_if_left, with_possible_signs
 from observer_fi.learn.servo.encoder_steps import without_steps
 from observer_fi.learn.servo.inductance import behind_inductance, winding_of
 from observer_fi.learn.servo.servo_start import needs_start, with_crawl, with_start
 from observer_fi.learn.servo.servo_ticks import Ticks, are_one, with_one_age
-from observer_fi.learn.signs import refuse_suspects, with_possible_signs
 from observer_fi.logs import (
     LowPass,
     LowPasses,
@@ -172,6 +172,7 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """
     given, logs = logs[0], [thinned(log, rig) for log in logs]
     fit = _identified(logs, rig, filters)
+    fit = replace(fit, warnings=(*told_if_far(fit, rig, MAKER), *fit.warnings))
     if not fit.filters:
         return fit
     more = given.rate_hz / logs[0].rate_hz
@@ -699,6 +700,7 @@ def _fit(
         nll(parts, fitted),
         rmse(parts, fitted),
         figures(parts, fitted, steps),
+        warnings=told_if_left([part.experiment for part in parts], fitted.residuals),
     )
 
 

@@ -202,15 +202,20 @@ def without_moves(result: FitResult, moves: Sequence[int]) -> Model:
 def inflation(experiment: Experiment, r: Array) -> float:
     """Factor on variances for residuals that are correlated or larger than the noise; 1 for white ones, never less.
 
-    Mean square times the correlation time, the largest of the channels.
+    The largest of the channels.
     """
-    worst = 1.0
+    return max(1.0, *inflation_by_channel(experiment, r))
+
+
+def inflation_by_channel(experiment: Experiment, r: Array) -> list[float]:
+    """(3,) mean square of the normalised residuals times their correlation time, 0 of a channel that hardly has any."""
+    found = [0.0, 0.0, 0.0]
     for c in range(3):
         seen = r[experiment.weight[:, c] > 0.0, c]
         if seen.size >= _FEWEST:
             time = correlation_time(seen, min(_LONGEST, seen.size // 4))
-            worst = max(worst, float(np.mean(seen**2)) * time)
-    return worst
+            found[c] = float(np.mean(seen**2)) * time
+    return found
 
 
 def whiteness(r: Array) -> float:

@@ -17,7 +17,7 @@ from observer_fi.logs.command_shape import Level, Shown, as_shown
 from observer_fi.logs.logger.acquisition import OFF_ZERO
 from observer_fi.logs.moves import saturated
 from observer_fi.logs.position_speed import LONGEST_S, PositionSpeed, position_speed
-from observer_fi.numerics import constant_runs, correlation_time, filled, resolution_of
+from observer_fi.numerics import between_near, constant_runs, correlation_time, filled, resolution_of
 from observer_fi.physics import UNLEARNED, Model, Rig, commanded, override, speed
 from observer_fi.records import Array, Log
 
@@ -30,6 +30,8 @@ NOISE_FLOOR = 0.2  # rad/s: commands are not finer than this
 SIGMAS = 6.0
 BEGIN_S = 0.2
 LONG_HOLE = 4  # samples
+# Of the readings of voltage or current, that have the other in their row; times as far apart as usual, between which none is.
+TOGETHER, LONGER_APART = 0.5, 3.0
 RINGING_S = 0.04  # a level shorter than a period of the loop (45 ms) may be a crest of its ringing,
 TURNS = (0.3, 3.0)  # of the way that a speed takes a mass: what moved less or more did not turn with it
 STEEP = 5e4  # rad/s^2, of ramps where nobody knows the commanded acceleration
@@ -83,6 +85,7 @@ def recover_command(log: Log, model: Model) -> Log:
     has_loop = model["Kp"] > 0.0 and model["Ki"] > 0.0
     if not has_loop and _only_position(log):
         return _with_speed(log, position_speed(log.t, log.z[:, 2], model["D"]), model)
+    given, log = log, _together(log)
     command, known = loop_command(log, model) if has_loop else motor_speed(log, model)
     rounding = _rounding(log, model)
     noise = _noise(log.t, command[known], rounding)
@@ -103,7 +106,19 @@ def recover_command(log: Log, model: Model) -> Log:
         shown = as_shown(log, Shown(command, known, rough, full), w_cmd, levels, model)
         log, w_cmd = (log, w_cmd) if shown is None else (replace(log, notes=(*log.notes, SHOWN)), shown)
     moves = sum(1 for a, b in zip(levels[:-1], levels[1:], strict=True) if a.speed == 0.0 != b.speed)
-    return _recovered(log, w_cmd, "voltage and current", moves)
+    return replace(_recovered(log, w_cmd, "voltage and current", moves), z=given.z)
+
+
+def _together(log: Log) -> Log:
+    """The log with voltage and current between their readings where these hardly share a row: a bus writes a row a message."""
+    read = np.isfinite(log.z[:, :2])
+    if np.count_nonzero(read.all(axis=1)) > TOGETHER * np.count_nonzero(read, axis=0).min():
+        return log
+    z = log.z.copy()
+    for c in range(2):
+        near = between_near(log.t, read[:, c], LONGER_APART)
+        z[:, c] = np.where(read[:, c] | near, filled(z[:, c], log.t), np.nan)
+    return replace(log, z=z)
 
 
 def _on_while_stalled(log: Log, w_cmd: Array) -> Array:

@@ -40,6 +40,7 @@ from observer_fi.numerics.rows import (
 )
 from observer_fi.numerics.series import (
     autocorrelation,
+    between_near,
     constant_runs,
     correlation_time,
     count_in_rows,
@@ -64,6 +65,7 @@ __all__ = [
     "where_above",
     "aligned_copy",
     "autocorrelation",
+    "between_near",
     "compiled",
     "compiled_sources",
     "constant_runs",

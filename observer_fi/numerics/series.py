@@ -40,6 +40,16 @@ def filled(y: Array, at: Array | None = None) -> Array:
     return np.interp(x, x[known], y[known])
 
 
+def between_near(t: Array, known: NDArray[np.bool_], most: float) -> NDArray[np.bool_]:
+    """(n,) whether times t (n,) lie between two `known` (n,) ones that are no farther apart than `most` times the usual."""
+    at = t[known]
+    if at.size < 2:
+        return np.zeros(t.size, dtype=np.bool_)
+    apart = np.diff(at)
+    far = np.append(np.inf, np.append(apart, np.inf))[np.searchsorted(at, t)]
+    return np.asarray(far < most * float(np.median(apart)), dtype=np.bool_)
+
+
 def autocorrelation(y: Array, lags: int) -> Array:
     """(lags,) autocorrelation of y at the lags 1 to `lags`, lags < n; 0 for a constant."""
     room = 1 << (y.size + lags).bit_length()  # zeros behind it, so that its end does not meet its beginning

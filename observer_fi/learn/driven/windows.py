@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from observer_fi.learn.fit_readings import fresh_readings, without_logger
 from observer_fi.logs import change_rate, position_speed
-from observer_fi.numerics import constant_runs, filled
+from observer_fi.numerics import between_near, constant_runs, filled
 from observer_fi.physics import Model, Rig, speed
 from observer_fi.records import Acquisition, Array, ChannelTraits, Log
 
@@ -110,6 +110,9 @@ def driven(log: Log, rig: Rig) -> Driven:
     fresh = fresh_readings(log, acquisition, rig, coarse=True)
     held = _held(acquisition)
     rows = _rows(fresh, [c for c in _DRIVES if held[c]])
+    rows = rows[
+        np.isfinite(log.z[rows]).any(axis=1)
+    ]  # a row that is missing stands in a log on its clock as one without readings
     z = np.column_stack([_curve(fresh, log, c, held[c])[rows] for c in range(3)])
     read = np.isfinite(fresh.z[:, _POSITION])
     seen = log.t[read], fresh.z[read, _POSITION]
@@ -228,13 +231,10 @@ def _curve(fresh: Log, log: Log, c: int, held: bool) -> Array:
     if np.count_nonzero(there) < FEWEST:
         return z
     if not held:  # what is missing beside the log's own holes are spikes
-        return np.where(np.isfinite(log.z[:, c]), filled(z, log.t), np.nan)
-    at = log.t[there]
-    y = scipy.interpolate.Akima1DInterpolator(at, z[there], method="makima")(log.t)
-    apart = np.diff(at)
-    far = np.append(np.inf, np.append(apart, np.inf))[np.searchsorted(at, log.t)]
-    near = there | (far < _LONGEST * float(np.median(apart)))
-    return np.where(near, y, np.nan)
+        read = np.isfinite(log.z[:, c])
+        return np.where(read | between_near(log.t, read, _LONGEST), filled(z, log.t), np.nan)
+    y = scipy.interpolate.Akima1DInterpolator(log.t[there], z[there], method="makima")(log.t)
+    return np.where(there | between_near(log.t, there, _LONGEST), y, np.nan)
 
 
 def speed_of(log: Log, model: Model) -> tuple[Array, Array]:

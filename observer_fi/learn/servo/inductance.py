@@ -11,8 +11,8 @@ import numpy as np
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.learn.driven.integral_regression import identify_driven
+from observer_fi.learn.plausibility import with_possible_signs
 from observer_fi.learn.servo.servo_start import with_crawl
-from observer_fi.learn.signs import with_possible_signs
 from observer_fi.logs import without_means
 from observer_fi.physics import Rig
 from observer_fi.records import Fit, Log, Parameter
@@ -46,7 +46,12 @@ def behind_inductance(behind: Fit, before: Fit, winding: Fit) -> Fit:
         return before
     values = {p.name: p.value for p in before.parameters}
     wider = tuple(_wider(p, CHANGED * abs(p.value - values.get(p.name, p.value))) for p in behind.parameters)
-    return replace(behind, parameters=wider, warnings=winding.warnings, inductance=winding.inductance)
+    return replace(
+        behind,
+        parameters=wider,
+        warnings=(*behind.warnings, *winding.warnings),
+        inductance=winding.inductance,
+    )
 
 
 def _better(behind: Fit, before: Fit) -> bool:

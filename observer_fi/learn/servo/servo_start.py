@@ -21,7 +21,7 @@ import numpy as np
 
 from observer_fi.learn.contacts_and_losses import motor_angle
 from observer_fi.learn.driven.integral_regression import identify_driven
-from observer_fi.learn.signs import with_possible_signs
+from observer_fi.learn.plausibility import with_possible_signs
 from observer_fi.logs import moves_from_rest, with_command
 from observer_fi.numerics import constant_runs, filled
 from observer_fi.physics import UNLEARNED, Rig, speed, whole_command, with_values

@@ -53,3 +53,41 @@ def test_a_current_without_a_sign() -> None:
     log = log_from_frame(served().assign(current_a=served()["current_a"].abs()))
     with pytest.raises(InvalidLogError, match="is it a magnitude"):
         identify([log], load_rig())
+
+
+@pytest.mark.parametrize("seed", [99985661, 99985662])
+def test_nothing_is_said_of_a_fit_that_explains_its_logs(seed: int) -> None:
+    frame, _ = hidden.make_log(hidden.draw_effect_case(seed, None, 1.0), seed)
+    assert identify([log_from_frame(frame)], load_rig()).warnings == ()
+
+
+@pytest.mark.slow
+@pytest.mark.first(4)
+@pytest.mark.parametrize("size", [10.0, 50.0])
+@pytest.mark.parametrize(
+    "cause",
+    [
+        "viscous_friction",
+        "brush_drop",
+        "gravity_nonlinearity",
+        "integrator_clamp",
+        "screw_ripple",
+        "voltage_delay",
+    ],
+)
+def test_a_fit_that_misses_something_says_so(cause: str, size: float) -> None:
+    frame, _ = hidden.make_log(hidden.draw_effect_case(99985663, cause, size), 99985663)
+    told = identify([log_from_frame(frame)], load_rig()).warnings
+    assert any("is no noise: the equations miss something" in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("column", "gain", "name"),
+    [("current_a", 0.9, "Rm"), ("voltage_v", 1.05, "Km"), ("position_m", 1.02, "D")],
+)
+def test_a_constant_far_from_the_rig_files_is_named(column: str, gain: float, name: str) -> None:
+    """A gain of a reading fits as well as none: nothing is left, and constants are others."""
+    frame = served().assign(**{column: gain * served()[column]})
+    fit = identify([log_from_frame(frame)], load_rig())
+    assert any(text.startswith(f"{name} is ") and "than the rig file says" in text for text in fit.warnings)
+    assert not any("is no noise" in text for text in fit.warnings)
