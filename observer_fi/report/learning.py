@@ -41,7 +41,7 @@ def improve_files(
     disturbances = disturbance_figures.of_disturbances(record.disturbances)
     page = environment().get_template("improve.html")
     html = page.render(
-        record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters, record.warnings), figures=drawn,
+        record=record, gain=gain, name=name, logs=logs, note=_notes(note, record.filters), figures=drawn,
         headline=improve_headline(record), words=plain, goes_with=goes_with,
         causes=CAUSES, shown=[excitation_sentence(e) for e in record.excitations], value=with_error, versions=versions(),
         rmse=RMSE,
@@ -205,7 +205,7 @@ def identify_files(
     drawn = learning_figures.of_identify(fit)
     page = environment().get_template("identify.html")
     html = page.render(
-        fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters, fit.warnings), figures=drawn,
+        fit=fit, rig=rig, name=name, logs=logs, note=_notes(note, fit.filters), figures=drawn,
         value=with_error, digits_of=to_the_error,
         versions=versions(), by_phase=by_phase, correlated=correlated(fit), left_over=left_over(fit.rmse),
         noisier=[name for name, std in identified.noise.items() if std > FAR_NOISIER * rig.noise.get(name, math.inf)],
@@ -218,9 +218,9 @@ def identify_files(
     }
 
 
-def _notes(note: str, filters: Iterable[Filter], warnings: Iterable[str] = ()) -> str:
+def _notes(note: str, filters: Iterable[Filter]) -> str:
     """What else to say of the logs, one sentence after the other."""
-    return ". ".join([*([note] if note else []), *map(told_filter, filters), *warnings])
+    return ". ".join([*([note] if note else []), *map(told_filter, filters)])
 
 
 def correlated(fit: Fit) -> list[tuple[str, list[float]]]:

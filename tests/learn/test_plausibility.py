@@ -1,6 +1,7 @@
 """A column whose sign is inverted is refused with its name: a fit would give the motor a resistance below zero."""
 
 from functools import cache
+from html import escape
 
 import hidden
 import pandas as pd
@@ -9,9 +10,10 @@ from drawn_sheets import drawn_sheet
 
 from observer_fi.errors import InvalidLogError
 from observer_fi.improve import improve
-from observer_fi.learn import identify
+from observer_fi.learn import identified_rig, identify
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import Rig, load_rig, rig_of_sheet
+from observer_fi.report import identify_files
 
 COLUMNS = ("voltage_v", "current_a", "position_m", "speed_cmd_rad_s")
 
@@ -91,3 +93,12 @@ def test_a_constant_far_from_the_rig_files_is_named(column: str, gain: float, na
     fit = identify([log_from_frame(frame)], load_rig())
     assert any(text.startswith(f"{name} is ") and "than the rig file says" in text for text in fit.warnings)
     assert not any("is no noise" in text for text in fit.warnings)
+
+
+def test_the_page_begins_with_what_is_said() -> None:
+    rig = load_rig()
+    log = log_from_frame(served().assign(current_a=0.9 * served()["current_a"]))
+    fit = identify([log], rig)
+    page = identify_files(fit, rig, identified_rig(fit, rig), {}, "log", ["log.csv"])["identify.html"]
+    (warning,) = fit.warnings
+    assert page.index("Before you trust it") < page.index(escape(warning)) < page.index("<h2>Parameters</h2>")
