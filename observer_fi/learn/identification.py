@@ -172,7 +172,8 @@ def identify(logs: Sequence[Log], rig: Rig, *, filters: bool = True) -> Fit:
     """
     given, logs = logs[0], [thinned(log, rig) for log in logs]
     fit = _identified(logs, rig, filters)
-    fit = replace(fit, warnings=(*told_if_far(fit, rig, MAKER), *fit.warnings))
+    far = told_if_far(fit, rig, MAKER)
+    fit = replace(fit, warnings=(*far, *fit.warnings)) if far else fit
     if not fit.filters:
         return fit
     more = given.rate_hz / logs[0].rate_hz
