@@ -258,7 +258,8 @@ class LastWord:
         if path is None or path.hypothesis.label not in A_LITTLE_OF or not whole.lasts(path):
             return event
         begin, nats = float(whole.window.t[path.begin]), self.settings.move_nats
-        stops = path.begin >= whole.moving - round(STOPPED_S / whole.interval)
+        at_rest = not self.stop_s and whole.n > whole.moving  # which is heard of a lost coupling alone
+        stops = path.begin >= whole.moving - round(STOPPED_S / whole.interval) and not at_rest
         begins_anew = begin < event.start_s + SETTLED_S or stops  # where whatever is entered gains
         enough = min(path.gain, shown(path)) >= nats if begins_anew else path.gain >= A_LITTLE
         fits = path.nis <= WELL * whole.expected(path.hypothesis)

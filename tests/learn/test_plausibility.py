@@ -64,7 +64,7 @@ def test_nothing_is_said_of_a_fit_that_explains_its_logs(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.first(4)
+@pytest.mark.first(2)
 @pytest.mark.parametrize("size", [10.0, 50.0])
 @pytest.mark.parametrize(
     "cause",

@@ -126,8 +126,8 @@ VERDICTS = [
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("channels, hz, order, noisy", VERDICTS)
-@pytest.mark.first(1)
 def test_verdicts_are_right_behind_a_filter(
     channels: tuple[int, ...], hz: float, order: int, noisy: bool
 ) -> None:

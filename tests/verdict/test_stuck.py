@@ -128,9 +128,9 @@ def test_what_spikes_holds_gaps_and_turns_do_is_no_jump() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [840006, 846001, 846002])
 @pytest.mark.parametrize("gain", [1.3, 0.5])
-@pytest.mark.first(1)
 def test_a_gain_of_the_position_far_from_its_zero_is_no_lost_coupling(seed: int, gain: float) -> None:
     """One of 1.3 was, for sure, where the mass had gone 0.2 m of its travel."""
     actuator = hidden.draw_actuator(seed, "current")

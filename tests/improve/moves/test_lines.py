@@ -123,6 +123,7 @@ def test_what_is_no_line_has_none_that_most_of_it_goes_with(cause: str, size: fl
 
 
 @pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.usefixtures("not_on_new_moves")
 @pytest.mark.parametrize("seed", [7302])
 def test_a_gear_ripple_of_the_hidden_plant_is_named_with_its_order(seed: int) -> None:

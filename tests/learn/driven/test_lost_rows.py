@@ -11,7 +11,7 @@ from observer_fi.physics import rig_of_sheet
 
 
 @pytest.mark.slow
-@pytest.mark.first(6)
+@pytest.mark.first(4)
 @pytest.mark.parametrize("share", [0.03, 0.001, 0.1])
 @pytest.mark.parametrize("burst", [1, 2, 20])
 @pytest.mark.parametrize(
