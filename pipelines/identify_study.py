@@ -16,10 +16,11 @@ from pathlib import Path
 import hidden
 import numpy as np
 
+from observer_fi.errors import InvalidLogError
 from observer_fi.learn import identified_rig, identify
 from observer_fi.logs import log_from_frame
 from observer_fi.physics import Rig, load_rig
-from observer_fi.records import Fit, Log
+from observer_fi.records import Fit, Isolation, Log
 from observer_fi.report import markdown_table
 from observer_fi.settings import Settings
 from observer_fi.verdict import diagnose_log, scores
@@ -140,8 +141,15 @@ def _judge(seed: int, label: str, truth: hidden.Rig, rigs: Sequence[Rig]) -> lis
     pitch = spec.profile.pitch_steps[0][1]
     spec = replace(spec, rig=rig, start_integral_rad=hidden.draw_rest_integral(rng, rig, pitch))
     log = _log(spec, seed)
-    found = [diagnose_log(log, r, Settings()).isolation for r in rigs]
-    return [scores.case(label, label, spec.fault.onset_s, f) for f in found if f is not None]
+    return [scores.case(label, label, spec.fault.onset_s, _isolated(log, r)) for r in rigs]
+
+
+def _isolated(log: Log, rig: Rig) -> Isolation:
+    """What is said of a move. Raises InvalidLogError where that is nothing: a case less would be a better share."""
+    found = diagnose_log(log, rig, Settings())
+    if found.isolation is None:
+        raise InvalidLogError(f"{log.path}: no verdict ({found.error})")
+    return found.isolation
 
 
 # --- the report -----------------------------------------------------------------------------------

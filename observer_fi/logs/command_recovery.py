@@ -112,7 +112,10 @@ def recover_command(log: Log, model: Model) -> Log:
 def _together(log: Log) -> Log:
     """The log with voltage and current between their readings where these hardly share a row: a bus writes a row a message."""
     read = np.isfinite(log.z[:, :2])
-    if np.count_nonzero(read.all(axis=1)) > TOGETHER * np.count_nonzero(read, axis=0).min():
+    if (
+        not read.any(axis=0).all()
+        or np.count_nonzero(read.all(axis=1)) > TOGETHER * np.count_nonzero(read, axis=0).min()
+    ):
         return log
     z = log.z.copy()
     for c in range(2):

@@ -18,15 +18,14 @@ HIDDEN, SEEN, FARTHEST_S = 0.12, 0.04, 0.5
 FEWEST = 5  # samples of a stretch
 # Standard deviations of its noise from which a speed is seen; of that of the fastest, below which a mass stands.
 SIGMAS, SLOWEST, TOP = 6.0, 0.03, 0.98
-MISSING = 0.5  # rows by which a log is longer than it has rows, from which on some are missing
+# Rows by which a log is longer than it has rows, from which on some are missing; rows of a pause that are looked at.
+MISSING, PAUSE = 0.5, 10.0
 LONGER = 2  # times as long is the next stretch in which a slower move is looked for
 # Times what white noise makes of the slopes, from which they scatter by more: by hum, or a baseline that wanders. Stretches are
 # compared with those so many of their lengths away, of which a period can be but one.
 MORE, APART = 1.5, (1.0, 0.6)
-QUIET, QUIET_SIGMAS = (
-    0.25,
-    0.3186,
-)  # of those differences, the quietest, and what a normal distribution has below it
+# Of those differences, the quietest, and the standard deviations below which a normal distribution has as many.
+QUIET, QUIET_SIGMAS = 0.25, 0.3186
 
 
 class PositionSpeed(NamedTuple):
@@ -46,13 +45,20 @@ def position_speed(t: Array, x: Array, D: float) -> PositionSpeed:
     Of readings that are held the slope is that of the updates, with straight lines between them; so it is of rows some of which
     are missing.
     """
-    x = filled(x)
+    t, x = _without_pauses(t), filled(x)
     updates = _updates(t, x) or _evenly(t, x)
     if updates is None:
         return _slope(t, x, D)
     slope = _slope(*updates, D)
     moves = np.interp(t, updates[0], slope.moves.astype(np.float64)) > 0.5
     return PositionSpeed(np.interp(t, updates[0], slope.w), moves, slope.std)
+
+
+def _without_pauses(t: Array) -> Array:
+    """Times t (n,) [s] whose pauses, of days where several logs are one, are no longer than tells that there is one."""
+    apart = np.diff(t)
+    longest = max(FARTHEST_S, PAUSE * float(np.median(apart)))
+    return t if apart.max() <= longest else np.append(t[0], t[0] + np.cumsum(np.minimum(apart, longest)))
 
 
 def _updates(t: Array, x: Array) -> tuple[Array, Array] | None:

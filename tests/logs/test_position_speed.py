@@ -62,6 +62,19 @@ def test_hum_on_the_position_is_no_motion(seed: int, hz: float, sigmas: float, k
     assert found.moves[np.abs(true) > 0.5 * np.abs(true).max()].mean() > 0.98
 
 
+@pytest.mark.parametrize("held", [1, 4])
+def test_a_pause_of_days_takes_no_memory_and_changes_no_speed(held: int) -> None:
+    """Two logs in one file: even times over all of it would be a billion."""
+    t = np.arange(8000) / 2000.0
+    x = 1e-3 * np.sin(0.5 * np.pi * t) + 1e-6 * np.random.default_rng(held).normal(size=t.size)
+    x = x[np.arange(t.size) // held * held]
+    paused = np.where(t < 2.0, t, t + 3.0 * 86400.0)
+    whole, found = position_speed(t, x, 1e-5), position_speed(paused, x, 1e-5)
+    away = np.abs(t - 2.0) > 0.6
+    assert found.w[away] == pytest.approx(whole.w[away], abs=5.0 * found.std)
+    assert found.std < 0.03 * np.abs(whole.w).max()
+
+
 def test_readings_without_noise_and_a_mass_that_stands() -> None:
     t = np.arange(1000) / 500.0
     assert (position_speed(t, np.zeros(1000), 1e-5).w == 0.0).all()

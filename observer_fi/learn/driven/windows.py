@@ -112,7 +112,7 @@ def driven(log: Log, rig: Rig) -> Driven:
     rows = _rows(fresh, [c for c in _DRIVES if held[c]])
     rows = rows[
         np.isfinite(log.z[rows]).any(axis=1)
-    ]  # a row that is missing stands in a log on its clock as one without readings
+    ]  # on its clock a log has those that are missing, without readings
     z = np.column_stack([_curve(fresh, log, c, held[c])[rows] for c in range(3)])
     read = np.isfinite(fresh.z[:, _POSITION])
     seen = log.t[read], fresh.z[read, _POSITION]
