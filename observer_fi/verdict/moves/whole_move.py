@@ -22,7 +22,8 @@ from observer_fi.verdict.onset import ROOM, Entry, Filters
 
 STRIDE = 16  # samples between the memories that are kept of a filter
 CHANGE_NATS = 7.0  # a begin or an end may lie at any of some thousand samples
-TRIALS = 16  # begins that a first look tries at least; two in the samples that it looks at
+# Begins that a first look tries at most, or two in the samples that it looks at: filters run MOST at once.
+TRIALS = 2 * MOST
 # After a begin, by which a fault that comes for a while shows; beside them the whole move.
 LOOKS_S = (0.03, 0.125, 1.0)
 SETTLED_S = 0.15  # by then the ring of a start is over
@@ -130,7 +131,10 @@ class WholeMove:
         self.until = np.concatenate(([0.0], np.cumsum(density)))
         self.known = self._but_for_the_stop()
         self.before: dict[int, HypothesisState] = {}
+        # what was asked before: windows of begins overlap
         self.found: dict[tuple[Hypothesis, int, int], Begin] = {}
+        self.gained: dict[tuple[Hypothesis, bytes, int, int], float] = {}
+        self.ended: dict[tuple[Hypothesis, bytes, int, int, int], Path] = {}
 
     def paths(self, first: int, last: int) -> list[Path]:
         """The best paths whose fault begins between two samples, the most likely first."""
@@ -193,7 +197,7 @@ class WholeMove:
         for _ in range(ROUNDS):
             near = self._believable(h, path.memory)
             stop = min(path.begin + self.looks[-1], self.n if path.end is None else path.end)
-            tried = range(max(path.begin - STRIDE, 0), min(path.begin + STRIDE, stop - 1) + 1)
+            tried = range(max(path.begin - STRIDE + 1, 0), min(path.begin + STRIDE, stop - 1) + 1)
             gains = self._gains(h, tried, 0, stop, near)
             after = self._ended(_likely(h, gains, near))
             if after.gain < path.gain + ROUND_NATS:
@@ -362,15 +366,14 @@ class WholeMove:
 
         Begins that lie close together are compared up to the same sample: which is better shows soon.
         """
-        low, step = (
-            first // STRIDE * STRIDE,
-            max(STRIDE, min(last - first, look * TRIALS // 2) // TRIALS // STRIDE * STRIDE),
-        )
-        gains = self._gains(h, range(low, last + 1, step), look)
+        low = first // STRIDE * STRIDE
+        step = min(_power(math.ceil((last - low) / (TRIALS - 1))), _power(look // 2 + 1) // 2)
+        step = max(step, STRIDE)
+        gains = self._gains(h, [low, *range((low // step + 1) * step, last + 1, step)], look)
         best = max(gains, key=lambda k: gains[k])
         while step > STRIDE:
-            around, step = step, max(STRIDE, step // 4 // STRIDE * STRIDE)
-            begins = range(max(best - around, low), min(best + around, last) + 1, step)
+            around, step = step, max(STRIDE, step // 4)
+            begins = range(max(best - around + step, low), min(best + around - step, last) + 1, step)
             near = self._gains(h, begins, 0, best + around + min(look, self.looks[-1]))
             best = max(near, key=lambda k: near[k])
         gains |= self._gains(h, {best} - gains.keys(), look)
@@ -386,9 +389,9 @@ class WholeMove:
         asked = h, begin, look
         if asked in self.found:
             return self.found[asked]
-        for around, step in ((4 * STRIDE, 8), (2 * STRIDE, 4), (8, 1)):
-            near = self._constants(h, begin, look, near)
-            tried = range(max(begin - around, 0), min(begin + around, self.n - LEFT) + 1, step)
+        for step in (8, 4, 1):
+            near, around = self._constants(h, begin, look, near), step * (TRIALS // 2)
+            tried = range(max(begin - around + step, 0), min(begin + around, self.n - LEFT) + 1, step)
             gains = self._gains(h, tried, look, begin + around + look, near)
             begin = max(gains, key=lambda k: gains[k])
         self.found[asked] = _likely(h, gains, near)
@@ -427,11 +430,15 @@ class WholeMove:
         near: HypothesisState | None = None,
     ) -> dict[int, float]:
         """Nats over nominal of entering h at each begin, in the `look` samples after it or up to the sample `stop`."""
-        enter = self._entry(h, near)
-        entered = {k: enter(self._nominal_at(k)) for k in begins}
-        stops = {k: min(k + look if stop is None else stop, self.n) for k in entered}
-        out = self.together(h, entered, stops)
-        return {k: v - enter.far - (self.until[stops[k]] - self.until[k]) for k, v in out.items()}
+        mark = _mark(near)
+        asked = {k: (h, mark, k, min(k + look if stop is None else stop, self.n)) for k in begins}
+        stops = {k: key[-1] for k, key in asked.items() if key not in self.gained}
+        if stops:
+            enter = self._entry(h, near)
+            nats = self.together(h, {k: enter(self._nominal_at(k)) for k in stops}, stops)
+            for k, end in stops.items():
+                self.gained[asked[k]] = nats[k] - enter.far - (self.until[end] - self.until[k])
+        return {k: self.gained[key] for k, key in asked.items()}
 
     def _entry(self, h: Hypothesis, near: HypothesisState | None) -> Entry:
         return Entry(self.nominal, h, self.filters, near=near, within_s=self.interval)
@@ -473,6 +480,12 @@ class WholeMove:
 
     def _ended(self, found: Begin) -> Path:
         """The path that stays to the end, or the best one on which nominal comes back where that is better."""
+        asked = found.hypothesis, _mark(found.near), found.begin, found.first, found.last
+        if asked not in self.ended:
+            self.ended[asked] = self._best_end(found)
+        return self.ended[asked]
+
+    def _best_end(self, found: Begin) -> Path:
         h, begin, near = found.hypothesis, found.begin, found.near
         before, enter = self._nominal_at(begin), self._entry(h, near)
         memories, density, nis = self._follow(h, enter(before), begin)
@@ -527,11 +540,11 @@ class _Ends:
         best = max(gains, key=lambda k: gains[k])
         while step > STRIDE:
             around, step = step, max(STRIDE, step // 4 // STRIDE * STRIDE)
-            ends = self._strides(range(max(best - around, begin + STRIDE), best + around + 1, step))
+            ends = self._strides(range(max(best - around + step, begin + STRIDE), best + around, step))
             near = self._gains(ends | {best}, best + around + look)
             best = max(near, key=lambda k: near[k])
         self._remember(max(best - STRIDE, begin), best + STRIDE)
-        near = self._gains(range(best - STRIDE, best + STRIDE + 1), best + STRIDE + look)
+        near = self._gains(range(best - STRIDE + 1, best + STRIDE + 1), best + STRIDE + look)
         best = max(near, key=lambda k: near[k])
         gains |= self._gains({best} - gains.keys(), n)
         best = max(gains, key=lambda k: gains[k])
@@ -560,6 +573,16 @@ class _Ends:
             alone = self.move.filters.of(self.h, 1, ROOM)
             memories, _, _ = alone.followed(self.move.window, self.at[first], samples)
             self.at |= dict(zip(samples[1:], memories, strict=True))
+
+
+def _mark(near: HypothesisState | None) -> bytes:
+    """What tells one start of a fault's constants from another."""
+    return b"" if near is None else near.x.tobytes()
+
+
+def _power(samples: int) -> int:
+    """The least number of samples, from those on, that is a stride times a power of two: two windows share a grid."""
+    return STRIDE << max(0, math.ceil(math.log2(max(samples, 1) / STRIDE)))
 
 
 def _likely(h: Hypothesis, gains: dict[int, float], near: HypothesisState | None) -> Begin:
