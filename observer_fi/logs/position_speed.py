@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer_fi.logs.logger.acquisition import stuck_from
 from observer_fi.logs.logger.holds import hold_of
 from observer_fi.numerics import filled, runs
 from observer_fi.records import Array
@@ -89,19 +90,21 @@ def _slope(t: Array, x: Array, D: float) -> PositionSpeed:
     from scipy.signal import savgol_filter
 
     step = float(np.median(np.diff(t)))
-    whole = (t.size - 1) | 1 if t.size % 2 == 0 else t.size
-    noise, size = _reading_std(x), FEWEST
+    live = x[: stuck_from(x)]  # a sensor that stands still to the last digit has no noise to tell
+    live = live if live.size > 2 * FEWEST else x
+    whole, longest_live = _odd(x.size), _odd(live.size)
+    noise, size = _reading_std(live), FEWEST
     for worse, share, longest in ((SURE, SURE, LONGEST_S), (HIDDEN, SEEN, FARTHEST_S)):
         top = _top(x, step, longest)
-        if _slope_noise(x, size, noise, step) <= worse * top:
+        if _slope_noise(live, size, noise, step) <= worse * top:
             break
-        most = max(FEWEST, min(round(longest / step) | 1, whole))
+        most = max(FEWEST, min(round(longest / step) | 1, longest_live))
         while size < most and _slope_std(noise, size, step) > share * top:
             size += 2
         size = min(size, most)
-        size = _past_scatter(x, size, most, noise, share * top, step)
+        size = _past_scatter(live, size, most, noise, share * top, step)
     slope = savgol_filter(x, size, 1, deriv=1, delta=step)
-    std = _scatter(slope, size, noise, step)
+    std = _scatter(slope[: live.size], size, noise, step)
     more = std / max(_slope_std(noise, size, step), 1e-300)  # which longer stretches have at most
     least = SLOWEST * float(np.quantile(np.abs(slope), TOP))
     moves = np.abs(slope) > max(SIGMAS * std, least)
@@ -130,6 +133,11 @@ def _slow_moves(slope: Array, enough: float, near: NDArray[np.bool_], reach: int
             if around.start + first < b and around.start + last > a:
                 found[around.start + first : around.start + last] = True
     return found
+
+
+def _odd(size: int) -> int:
+    """The largest odd number of readings among so many."""
+    return size - 1 + size % 2
 
 
 def _reading_std(x: Array) -> float:

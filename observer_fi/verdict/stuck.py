@@ -14,8 +14,8 @@ from observer_fi.records import CHANNELS, Array, Event
 from observer_fi.verdict.drift import mostly
 
 # Readings that stand for so long in motion that their noise does so once in e^30 are those of a dead sensor; noise of which a
-# step is at most STEPS repeats a reading half the time at most, wherever between two steps the signal stands.
-DEAD_NATS, REPEATS, STEPS = 30.0, 0.5, 1.5
+# step is at most STEPS repeats a reading two thirds of the time at most, wherever between two steps the signal stands.
+DEAD_NATS, REPEATS, STEPS = 30.0, 0.5, 2.0
 EARLIER_S = 0.1  # by which a fault that has a name begins before a sensor fails of itself
 POSITION = CHANNELS.index("position")
 # A position is that of a failing sensor where it goes so many times as far as the motor, without a load, and the noise take it,
@@ -84,30 +84,33 @@ def _from_then_on(event: Event, channel: str, since: tuple[float, float], why: s
 
 
 def stuck_since(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[float, float] | None:
-    """The last sample of a move before a channel stood still to the last digit, and the first one after [s], if it did.
+    """The last sample before a channel stood still to the last digit in a move, and the first one after [s], if it did.
 
     It stands until the rest after the move is over, between readings that were more and less, and for longer in motion than noise
-    can repeat itself.
+    can repeat itself; a position that alone tells the motion is at rest where it stands, and its noise is that of a rest.
     """
     recent, c = bank.recent, CHANNELS.index(channel)
     if recent is None or rig.logger is None:
         return None
-    there = (recent.t >= event.start_s) & (recent.t <= event.end_s) & np.isfinite(recent.z[:, c])
+    there = (recent.t <= event.end_s) & np.isfinite(recent.z[:, c])
     t, z, moving = recent.t[there], recent.z[there, c], recent.active[there]
     first = stuck_from(z)
     traits = rig.logger[:3][c]
     if not first or not (traits.resolution or 0.0) <= STEPS * traits.noise_std:
         return None
-    repeated, lowest, highest = int(moving[first:].sum()) - 1, z[:first].min(), z[:first].max()
+    alone = channel == "position" and set(rig.watched.columns) <= {"current_a"}
+    repeated = (t.size - first if alone else int(moving[first:].sum())) - 1
+    lowest, highest = z[:first].min(), z[:first].max()
     inside = channel == "position" or lowest < z[first] < highest  # and no converter at the end of its range
-    dead = -repeated * math.log(max(float(rig.repeats[c]), REPEATS)) >= DEAD_NATS
+    within_a_step = math.erf((traits.resolution or 0.0) / traits.noise_std / math.sqrt(8.0))
+    dead = -repeated * math.log(max(float(rig.repeats[c]), REPEATS, within_a_step)) >= DEAD_NATS
     return (float(t[first - 1]), float(t[first])) if inside and dead else None
 
 
 def of_dead_sensor(event: Event, channel: str, onset: tuple[float, float], why: str) -> Event:
     """The event as that of a dead sensor. onset: the last sample before it, and its first one [s]."""
     known = (event.label, event.channel) == ("sensor_fault", channel)
-    if known and event.onset_s is not None and event.onset_s > onset[0] - EARLIER_S:
+    if known and not event.alike and event.onset_s is not None and event.onset_s > onset[0] - EARLIER_S:
         return event._replace(onset_s=onset[1], onset_interval_s=onset)
     posterior = mostly("sensor_fault", event)
     return event._replace(

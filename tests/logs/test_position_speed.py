@@ -41,6 +41,28 @@ def test_of_readings_that_are_held_the_slope_is_that_of_the_updates(every_s: flo
 
 
 @pytest.mark.parametrize("kept", [1.0, 0.95])
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.7])
+@pytest.mark.parametrize("seed", [863900, 863901, 863903])
+@pytest.mark.first(6)
+def test_a_position_that_stands_to_the_last_digit_hides_no_motion_before_it(
+    seed: int, share: float, kept: float
+) -> None:
+    """Readings without noise, in half of a log, left none to the others: all of these were motion."""
+    actuator = draw_actuator(seed, "current")
+    spec = healthy_spec(actuator)
+    frame, _ = actuator_log(actuator, spec, seed)
+    rows = np.sort(np.random.default_rng(seed).permutation(len(frame))[: round(kept * len(frame))])
+    t, x = frame["time_s"].to_numpy()[rows], frame["position_m"].to_numpy()[rows]
+    stands = round((1.0 - share) * t.size)
+    usual = position_speed(t, x, actuator.rig.D)
+    found = position_speed(t, np.append(x[:stands], np.full(t.size - stands, x[stands])), actuator.rig.D)
+    before = t < t[stands] - 0.5
+    assert found.std == pytest.approx(usual.std, rel=0.3)
+    assert np.mean(found.moves[before] != usual.moves[before]) < 0.02
+    assert not found.moves[t > t[stands] + 0.5].any()
+
+
+@pytest.mark.parametrize("kept", [1.0, 0.95])
 @pytest.mark.parametrize("sigmas", [1.0, 10.0, 50.0])
 @pytest.mark.parametrize("hz", [16.7, 50.0, 100.0])
 @pytest.mark.parametrize("seed", [863900, 863901, 863903])

@@ -133,6 +133,26 @@ def test_a_resistance_that_is_known_well_is_not_in_doubt() -> None:
 
 
 @pytest.mark.parametrize(
+    ("R", "drift", "onset_s", "shared"),
+    [
+        (20.3, 0.0, 1.2, True),
+        (23.0, 0.0, 1.2, True),  # a winding that is 40 K warmer
+        (26.0, 0.0, 1.2, False),
+        (23.0, 1.0, 1.2, False),  # and not of that alone
+        (23.0, 0.0, 0.5, False),  # a mass that was lost in motion
+    ],
+)
+def test_a_coupling_lost_in_the_rest_alone_may_be_a_winding(
+    R: float, drift: float, onset_s: float, shared: bool
+) -> None:
+    """864057: a rig learned through a late voltage, whose resistance is 3 % off, had lost its coupling for sure as it stopped."""
+    event, bank = condemned(R, drift)
+    event = event._replace(label="coupling_loss", channel=None, onset_s=onset_s, reasons=())
+    told = or_the_resistance(event, bank, with_values(RIG, {"Rm": 20.0}, {"Rm": 0.02}, "identified"))
+    assert told.label == "coupling_loss" and told.alike == (("nominal",) if shared else ())
+
+
+@pytest.mark.parametrize(
     ("rate_hz", "drive", "shared"),
     [(50.0, "voltage", True), (100.0, "voltage", False), (50.0, "pi_servo", False)],
 )

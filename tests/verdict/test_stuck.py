@@ -143,3 +143,33 @@ def test_a_gain_of_the_position_far_from_its_zero_is_no_lost_coupling(seed: int,
     verdict = isolation.verdict
     assert (verdict.label, verdict.channel) == ("sensor_fault", "position")
     assert verdict.onset_s == pytest.approx(truth["onset_s"], abs=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [1.0, 0.97])
+@pytest.mark.parametrize("sigmas", [0.0, 1.8])
+@pytest.mark.parametrize("share", [0.3, 0.7])
+@pytest.mark.parametrize("seed", [864230, 864231, 864232])
+@pytest.mark.first(4)
+def test_a_position_that_stands_to_the_last_digit_is_its_sensor_where_it_alone_tells_the_motion(
+    seed: int, share: float, sigmas: float, kept: float
+) -> None:
+    """To such a rig the mass rests from there on: it was told as no fault, for sure, as no command, or as a lost coupling too."""
+    actuator = hidden.draw_actuator(seed, "current")
+    rig = rigs_study._learned(actuator)
+    spec = hidden.healthy_spec(actuator)
+    frame, _ = hidden.actuator_log(actuator, spec, seed + 1)
+    moving = np.flatnonzero(np.abs(hidden.true_motion(spec).speed) > 0.0)
+    first = int(moving[0] + share * (moving[-1] - moving[0]))
+    step, x = sigmas * actuator.logger.position_noise_m, frame["position_m"].to_numpy()
+    x = np.round(x / step) * step if step else x
+    frame["position_m"] = np.where(np.arange(x.size) < first, x, x[first])
+    rows = np.sort(np.random.default_rng(seed).permutation(len(frame))[: round(kept * len(frame))])
+    onset = float(frame["time_s"][first])
+    isolation = diagnose_log(
+        rigs_study._read(frame.iloc[rows].reset_index(drop=True), rig), rig, Settings()
+    ).isolation
+    assert isolation is not None
+    verdict = isolation.verdict
+    assert (verdict.label, verdict.channel, verdict.alike) == ("sensor_fault", "position", ())
+    assert verdict.onset_s == pytest.approx(onset, abs=0.02)
