@@ -283,7 +283,7 @@ def test_a_current_that_stands_to_the_last_digit_is_that_of_a_dead_sensor(
     assert of_a_stuck_sensor(event(*said), quantised(1.0, False), logged) == event(*said)
     logged.repeats[1] = 0.99  # a logger whose readings stand at rest, too
     assert of_a_stuck_sensor(event("nominal", None), quantised(1.0, True), logged).label == "nominal"
-    coarse = current._replace(resolution=2e-3)
+    coarse = current._replace(resolution=2.5e-3)
     rough: Any = SimpleNamespace(logger=(coarse, coarse, coarse), repeats=np.array([0.0, 0.3, 0.0]))
     assert of_a_stuck_sensor(event("nominal", None), quantised(1.0, True), rough).label == "nominal"
 
