@@ -89,7 +89,7 @@ from observer_fi.verdict.moves.with_room import WithRoom
 from observer_fi.verdict.moves.with_the_brake import or_the_brake
 from observer_fi.verdict.onset import Filters, onset_in
 from observer_fi.verdict.open_loop import Mixture
-from observer_fi.verdict.stuck import of_a_jumping_sensor, of_a_stuck_sensor, stuck_since
+from observer_fi.verdict.stuck import of_a_jumping_sensor, of_a_stuck_sensor, stands_still
 from observer_fi.verdict.testable import SURE_HZ, Testable, or_a_slip, or_an_obstacle, or_touched, untested
 from observer_fi.verdict.wrong_rig import fits_at_first, or_never_fitted, or_unexplained, wrong_rig
 
@@ -479,8 +479,9 @@ class Diagnosis:
 
     def _of_the_day(self, event: Event) -> Event:
         """The event, healthy where its friction was up by no more than from one day to the next, and that explains little."""
-        event = or_the_resistance(or_none(event), self.memory, self.rig)
         story = self.last_word.explained.get(event.start_s)
+        explained = math.inf if story is None else story.gain
+        event = or_the_resistance(or_none(event), self.memory, self.rig, explained)
         much = story is not None and story.gain >= FAR * self.settings.decision.move_nats
         return event if much else of_the_day(event, self.rig)
 
@@ -532,8 +533,8 @@ class Diagnosis:
     def _as_far_as_told(self, event: Event) -> Event:
         """An event with what the channels that are logged, their rate and their steps leave open beside it."""
         memory, rig, alike = self.memory, self.logged, self.settings.decision.alike
-        if event.channel is not None and stuck_since(event, memory, rig, event.channel) is not None:
-            return event  # whatever the others show
+        if stands_still(event):
+            return event
         if self.isolator.channels.lacks("voltage") and not self._servo_tells():
             event = without_voltage(event, memory, rig, alike)
             event = or_left_behind(event, memory, rig, alike)

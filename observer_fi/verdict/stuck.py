@@ -34,6 +34,11 @@ def of_a_stuck_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
     return _from_then_on(event, channel, since, f"the {channel} {STANDS_STILL}")
 
 
+def stands_still(event: Event) -> bool:
+    """Whether an event is that of a sensor which stands still to the last digit: no other fault does, nor a logger."""
+    return any(STANDS_STILL in reason for reason in event.reasons)
+
+
 def of_a_jumping_sensor(event: Event, bank: Bank, rig: Rig) -> Event:
     """The event as that of the position's sensor where this jumped in its move, if it did, and no fault had begun before."""
     recent = bank.recent
@@ -102,7 +107,9 @@ def stuck_since(event: Event, bank: Bank, rig: Rig, channel: str) -> tuple[float
     repeated = (t.size - first if alone else int(moving[first:].sum())) - 1
     lowest, highest = z[:first].min(), z[:first].max()
     inside = channel == "position" or lowest < z[first] < highest  # and no converter at the end of its range
-    within_a_step = math.erf((traits.resolution or 0.0) / traits.noise_std / math.sqrt(8.0))
+    within_a_step = (
+        math.erf(traits.resolution / traits.noise_std / math.sqrt(8.0)) if traits.resolution else 0.0
+    )
     dead = -repeated * math.log(max(float(rig.repeats[c]), REPEATS, within_a_step)) >= DEAD_NATS
     return (float(t[first - 1]), float(t[first])) if inside and dead else None
 
@@ -111,7 +118,7 @@ def of_dead_sensor(event: Event, channel: str, onset: tuple[float, float], why: 
     """The event as that of a dead sensor. onset: the last sample before it, and its first one [s]."""
     known = (event.label, event.channel) == ("sensor_fault", channel)
     if known and not event.alike and event.onset_s is not None and event.onset_s > onset[0] - EARLIER_S:
-        return event._replace(onset_s=onset[1], onset_interval_s=onset)
+        return event._replace(onset_s=onset[1], onset_interval_s=onset, reasons=(*event.reasons, why))
     posterior = mostly("sensor_fault", event)
     return event._replace(
         label="sensor_fault", channel=channel, probability=posterior["sensor_fault"], posterior=posterior, alike=(),

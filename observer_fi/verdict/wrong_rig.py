@@ -10,7 +10,7 @@ from observer_fi.records import Consistency, Event, Outcome
 from observer_fi.verdict.drift import or_as_well, or_else, or_healthy
 from observer_fi.verdict.moves.circuit import is_dead
 from observer_fi.verdict.moves.whole_move import FITS, SETTLED_S, WholeMove
-from observer_fi.verdict.stuck import STANDS_STILL
+from observer_fi.verdict.stuck import stands_still
 
 SAID = "this rig file does not describe this machine"
 FAR_OFF = 10.0  # times the expected NIS: a fault that nobody knows leaves the free hypothesis near 1
@@ -55,9 +55,8 @@ def or_never_fitted(event: Event) -> Event:
 
     Not where the sensor stands still to the last digit, which no setting of a logger does.
     """
-    stuck = any(STANDS_STILL in reason for reason in event.reasons)
     fitted_before = event.onset_s is not None and not begins_with_the_motion(event)
-    if event.label != "sensor_fault" or fitted_before or stuck:
+    if event.label != "sensor_fault" or fitted_before or stands_still(event):
         return event
     return or_healthy(event, _OR_NEVER_WAS)
 

@@ -1,5 +1,6 @@
 """Actuators whose logger takes 25 to 100 samples a second: healthy moves are no failed sensors, faults keep their names."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -118,37 +119,42 @@ def condemned(R: float, drift: float = 0.0) -> tuple[Any, Any]:
 @pytest.mark.parametrize(("R", "drift"), [(19.0, 0.0), (20.0, 0.0), (21.0, 0.0), (21.0, 0.1)])
 def test_a_resistance_within_its_standard_error_is_no_failed_sensor(R: float, drift: float) -> None:
     """Also where a voltage that still settles leaves a little more than noise (662112 at 50 Hz)."""
-    assert or_the_resistance(*condemned(R, drift), RIG).label == "nominal"
+    assert or_the_resistance(*condemned(R, drift), RIG, math.inf).label == "nominal"
 
 
 @pytest.mark.parametrize(("R", "drift"), [(25.0, 0.0), (15.0, 0.0), (20.0, 1.0)])
 def test_another_resistance_or_none_is(R: float, drift: float) -> None:
     event, bank = condemned(R, drift)
-    assert or_the_resistance(event, bank, RIG) is event
+    assert or_the_resistance(event, bank, RIG, 0.0) is event
 
 
 def test_a_resistance_that_is_known_well_is_not_in_doubt() -> None:
     event, bank = condemned(20.4)
-    assert or_the_resistance(event, bank, with_values(RIG, {"Rm": 20.0}, {"Rm": 0.02}, "identified")) is event
+    known = with_values(RIG, {"Rm": 20.0}, {"Rm": 0.02}, "identified")
+    assert or_the_resistance(event, bank, known, 0.0) is event
 
 
+@pytest.mark.parametrize("std", [None, 0.02])
 @pytest.mark.parametrize(
-    ("R", "drift", "onset_s", "shared"),
+    ("R", "drift", "onset_s", "explained", "shared"),
     [
-        (20.3, 0.0, 1.2, True),
-        (23.0, 0.0, 1.2, True),  # a winding that is 40 K warmer
-        (26.0, 0.0, 1.2, False),
-        (23.0, 1.0, 1.2, False),  # and not of that alone
-        (23.0, 0.0, 0.5, False),  # a mass that was lost in motion
+        (20.3, 0.0, 1.2, 1.0, True),
+        (23.0, 0.0, 1.2, 1.0, True),  # a winding that is 40 K warmer
+        (23.0, 0.0, 1.2, 1e7, False),  # which explains less than the fault
+        (20.0, 0.0, 1.2, 1.0, False),  # the very resistance of the rig file: something else told it
+        (26.0, 0.0, 1.2, 1.0, False),
+        (23.0, 1.0, 1.2, 1.0, False),  # and not of that alone
+        (23.0, 0.0, 0.5, 1.0, False),  # a mass that was lost in motion
     ],
 )
 def test_a_coupling_lost_in_the_rest_alone_may_be_a_winding(
-    R: float, drift: float, onset_s: float, shared: bool
+    R: float, drift: float, onset_s: float, explained: float, shared: bool, std: float | None
 ) -> None:
     """864057: a rig learned through a late voltage, whose resistance is 3 % off, had lost its coupling for sure as it stopped."""
     event, bank = condemned(R, drift)
     event = event._replace(label="coupling_loss", channel=None, onset_s=onset_s, reasons=())
-    told = or_the_resistance(event, bank, with_values(RIG, {"Rm": 20.0}, {"Rm": 0.02}, "identified"))
+    rig = with_values(RIG, {"Rm": 20.0}, {} if std is None else {"Rm": std}, "identified")
+    told = or_the_resistance(event, bank, rig, explained)
     assert told.label == "coupling_loss" and told.alike == (("nominal",) if shared else ())
 
 

@@ -147,7 +147,7 @@ def test_a_gain_of_the_position_far_from_its_zero_is_no_lost_coupling(seed: int,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kept", [1.0, 0.97])
-@pytest.mark.parametrize("sigmas", [0.0, 1.8])
+@pytest.mark.parametrize("sigmas", [0.0, 1.5])
 @pytest.mark.parametrize("share", [0.3, 0.7])
 @pytest.mark.parametrize("seed", [864230, 864231, 864232])
 @pytest.mark.first(4)
@@ -171,8 +171,5 @@ def test_a_position_that_stands_to_the_last_digit_is_its_sensor_where_it_alone_t
     ).isolation
     assert isolation is not None
     verdict = isolation.verdict
-    if step and verdict.label != "sensor_fault":  # where such steps stand is where they stood at rest
-        assert "sensor_fault" in verdict.alike and verdict.probability <= 0.5
-        return
     assert (verdict.label, verdict.channel, verdict.alike) == ("sensor_fault", "position", ())
     assert verdict.onset_s == pytest.approx(onset, abs=0.02)

@@ -281,6 +281,9 @@ def test_a_current_that_stands_to_the_last_digit_is_that_of_a_dead_sensor(
     assert dead.onset_s == pytest.approx(2.0, abs=0.02) and sum(dead.posterior.values()) == pytest.approx(1.0)
     assert without_voltage(dead, quantised(1.0, True), logged, ALIKE) is dead
     assert of_a_stuck_sensor(event(*said), quantised(1.0, False), logged) == event(*said)
+    silent = ChannelTraits(0.0, 0.0)  # nothing is known of its noise: what stands has no steps to hide in
+    quiet: Any = SimpleNamespace(logger=(silent, silent, silent), repeats=np.array([0.0, 0.3, 0.0]))
+    assert of_a_stuck_sensor(event(*said), quantised(1.0, True), quiet).channel == "current"
     logged.repeats[1] = 0.99  # a logger whose readings stand at rest, too
     assert of_a_stuck_sensor(event("nominal", None), quantised(1.0, True), logged).label == "nominal"
     coarse = current._replace(resolution=2.5e-3)

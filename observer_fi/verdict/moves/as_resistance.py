@@ -22,30 +22,33 @@ _AS_LIKELY = "all of it is in the rest after the move, where a winding of anothe
 
 
 class _Held(NamedTuple):
-    """over_s: when the last motion was over [s]; R: voltage over current in the rest [ohm]; fits: whether that is all of it."""
+    """over_s: when the last motion was over [s]; R: voltage over current in the rest [ohm]; fits: whether that is all of it;
+    nats: by which it explains the rest better than the resistance of the rig file."""
 
     over_s: float
     R: float
     fits: bool
+    nats: float
 
 
-def or_the_resistance(event: Event, bank: Bank, rig: Rig) -> Event:
+def or_the_resistance(event: Event, bank: Bank, rig: Rig, explained: float) -> Event:
     """The event, healthy where a rest alone condemns a sensor that another resistance, within its standard error, explains; or as
-    well healthy, where a coupling that was lost in the stop shows by no more than a winding that is warmer.
+    well healthy, where a winding that is warmer explains as much of the rest as a coupling that was lost in the stop.
 
     A motor that is held against its friction shows R = V / i, to a thousandth; a slow logger tells Rm to some percent.
+    explained: nats by which the fault explains its move better than health.
     """
     known = rig.quantities.get("Rm")
     at_rest, let_go = SHOWN_AT_REST in event.reasons, event.label == "coupling_loss" and not event.alike
-    held = _held(event, bank, rig) if known is not None and known.std and (at_rest or let_go) else None
+    held = _held(event, bank, rig) if known is not None and (at_rest or let_go) else None
     if held is None or known is None or not held.fits:
         return event
     off, doubt = abs(held.R - known.value), IN_DOUBT * (known.std or 0.0)
     if at_rest:
         return healthy(event) if off <= doubt else event
     in_the_stop = event.onset_s is not None and event.onset_s > held.over_s
-    warmer = off <= max(doubt, WARMER * known.value)
-    return or_healthy(event, _AS_LIKELY) if in_the_stop and warmer else event
+    as_well = held.nats >= explained and off <= max(doubt, WARMER * known.value)
+    return or_healthy(event, _AS_LIKELY) if in_the_stop and as_well else event
 
 
 def _held(event: Event, bank: Bank, rig: Rig) -> _Held | None:
@@ -65,5 +68,7 @@ def _held(event: Event, bank: Bank, rig: Rig) -> _Held | None:
     V, i = V[held], i[held]
     R = float(V @ i / (i @ i))
     left, had = (float(np.mean((V - ohm * i) ** 2)) for ohm in (R, rig.model["Rm"]))
-    most = max(FITS * float(noise_V**2 + (R * noise_i) ** 2), NEXT_TO_NOTHING * had)
-    return _Held(over_s, R, left <= most)
+    noise = float(noise_V**2 + (R * noise_i) ** 2)
+    return _Held(
+        over_s, R, left <= max(FITS * noise, NEXT_TO_NOTHING * had), 0.5 * V.size * (had - left) / noise
+    )
