@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from results import Process, command_line, process, record
-from sample_logs import csv_log, healthy_csv, parquet_log
+from sample_logs import csv_log, foreign_csv, healthy_csv, parquet_log
 
 COLUMNS = ("command", "wall clock [s]", "processor time [s]", "peak memory [MB]")
 NOTES = (
@@ -51,6 +51,12 @@ def main() -> int:
         measure("observer-fi --version", *command_line("--version"), runs=5)
         run("diagnose, 10 s CSV, with report", "diagnose", short, runs=5)
         run("diagnose, 10 s CSV, UKF", "diagnose", short, "--filter", "ukf", runs=3)
+        run(
+            "diagnose, 10 s CSV, a ripple that the rig file lacks",
+            "diagnose",
+            made_apart(foreign_csv),
+            runs=3,
+        )
         run("identify, 60 s CSV", "identify", healthy)
         run("improve, 60 s CSV", "improve", healthy)
         run("diagnose, an hour of Parquet", "diagnose", made_apart(parquet_log, 1.0))

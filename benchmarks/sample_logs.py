@@ -7,20 +7,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from observer_fi.physics import Fault, Move, Scenario, csv_bytes, load_rig, synthesise
+from observer_fi.physics import Fault, Move, Rig, Scenario, csv_bytes, load_rig, synthesise, with_values
 from observer_fi.records import Log
 
 FOLDER = Path(tempfile.gettempdir()) / "observer_fi_bench"
 COLUMNS = ("time_s", "voltage_v", "current_a", "position_m", "pitch_deg", "speed_cmd_rad_s")
 HEALTHY = Fault()
 BEAT_S = 3.0  # a move of two seconds and a rest of one
+RIPPLE = 4e-3  # N m, with the turns of the screw: of a machine that its rig file does not describe
 
 
-def moves_log(seconds: float, fault: Fault = HEALTHY, seed: int = 1) -> Log:
+def moves_log(seconds: float, fault: Fault = HEALTHY, seed: int = 1, rig: Rig | None = None) -> Log:
     """Moves forth and back, 1600 samples a second."""
     count = int((seconds - 0.3) // BEAT_S)
     moves = tuple(Move(0.3 + BEAT_S * k, 410.0 * (-1) ** k, 2.0) for k in range(count))
-    return synthesise(Scenario(moves, seconds, fault=fault, seed=seed), load_rig())[0]
+    return synthesise(Scenario(moves, seconds, fault=fault, seed=seed), rig or load_rig())[0]
 
 
 def csv_log() -> Path:
@@ -33,11 +34,16 @@ def healthy_csv() -> Path:
     return _csv("healthy_60s.csv", 60.0, HEALTHY)
 
 
-def _csv(name: str, seconds: float, fault: Fault) -> Path:
+def foreign_csv() -> Path:
+    """A CSV file of 10 s: three moves of a machine with a ripple that its rig file does not have, each in doubt."""
+    return _csv("ripple_10s.csv", 10.0, HEALTHY, with_values(load_rig(), {"screw_ripple_sin": RIPPLE}))
+
+
+def _csv(name: str, seconds: float, fault: Fault, rig: Rig | None = None) -> Path:
     path = FOLDER / name
     if not path.exists():
         FOLDER.mkdir(exist_ok=True)
-        path.write_bytes(csv_bytes(moves_log(seconds, fault)))
+        path.write_bytes(csv_bytes(moves_log(seconds, fault, rig=rig)))
     return path
 
 
